@@ -321,9 +321,7 @@ impl ProxyKind {
                 }
             }),
             Self::Tool(tool) if tool.has_room => {
-                // The last step of a small budget may spend a fiftieth more.
-                let units = max_work - max_work.div_ceil(50);
-                let budget = units.saturating_mul(PAIRS_A_UNIT);
+                let budget = max_work.saturating_mul(PAIRS_A_UNIT);
                 let floor = MIN_TOOL_UNITS as u32 * PAIRS_A_UNIT;
                 let limit = Limit::new(budget, [floor, TOOL_INTERVAL], deadline);
                 tool.advance(surface, goal, limit)

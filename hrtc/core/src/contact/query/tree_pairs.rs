@@ -71,14 +71,14 @@ pub struct PairWork {
     pub faces: u32,
 }
 
-/// Cost of a face pair, in node pairs (measured).
-const FACE_PAIR: u32 = 4;
-
 impl PairWork {
+    /// Cost of a face pair, in node pairs (measured).
+    pub const OF_FACE: u32 = 4;
+
     /// The cost in node pairs.
     #[must_use]
     pub fn cost(self) -> u32 {
-        self.node_pairs + FACE_PAIR * self.faces
+        self.node_pairs + Self::OF_FACE * self.faces
     }
 
     /// Adds another query's cost.

@@ -49,6 +49,12 @@ impl ToolAdvance {
         }
     }
 
+    /// The budget does not suffice.
+    pub(super) fn run_out<T>(&mut self) -> Option<T> {
+        self.ending = Ending::OutOfBudget { unvisited: 1 };
+        None
+    }
+
     /// The active contacts, the one that pushes most first; none in free space.
     #[must_use]
     pub fn contacts(&self) -> &[ToolContact] {

@@ -249,6 +249,9 @@ impl Contacts {
         }
         let (centre, rotation) = (at.centre, at.rotation());
         let mut spent = near.vertex_count() / PLACED;
+        if spent > most {
+            return (0, false);
+        }
         let back = rotation.transpose();
         for k in 0..near.pairs.len() {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {

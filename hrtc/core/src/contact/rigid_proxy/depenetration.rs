@@ -28,6 +28,14 @@ const TESTED: u32 = 3;
 const ANCHOR_BEYOND: f64 = 0.1;
 const ANCHOR_RADIUS: f64 = 0.01;
 
+/// Escapes that were tried for a tool that meets the surface, as long as the surface stays.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+pub(super) struct EscapesTried {
+    count: usize,
+    /// [`ToolProxy::moving_offset`] when they began: it decays, and they are as long as it was.
+    moving_offset: f64,
+}
+
 impl ToolProxy {
     /// Takes the anchor along with a split or collapse that passed over it.
     pub(super) fn carry_anchor(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
@@ -127,55 +135,77 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
-        let is_met = match first_changed {
-            Some(first) => Some(self.meets_candidates(first, &here, answer)),
-            // It met other faces, too.
-            None if self.state == State::Stuck => self.meets(surface, &here, budget, answer),
-            None => self.meets_what_changed(surface, mesh_change, budget, answer),
-        };
-        let is_out = match is_met {
-            Some(false) => self.reaches(surface, &here, budget, answer),
-            Some(true) => Some(false),
-            None => None,
-        };
-        match is_out {
-            Some(true) => {
-                self.come_out_at(&here);
-                return true;
+        let tried = match self.escapes_tried.take() {
+            Some(tried) => tried,
+            None => {
+                let is_met = match first_changed {
+                    Some(first) => self.meets_candidates(first, &here, budget, answer),
+                    // It met other faces, too.
+                    None if self.state == State::Stuck => {
+                        self.meets(surface, &here, budget, answer)
+                    }
+                    None => self.meets_what_changed(surface, mesh_change, budget, answer),
+                };
+                let is_out = match is_met {
+                    Some(false) => self.reaches(surface, &here, budget, answer),
+                    Some(true) => Some(false),
+                    None => None,
+                };
+                match is_out {
+                    Some(true) => {
+                        self.come_out_at(&here);
+                        return true;
+                    }
+                    Some(false) => EscapesTried {
+                        count: 0,
+                        moving_offset: self.moving_offset,
+                    },
+                    None => return false,
+                }
             }
-            Some(false) => {}
-            None => return false,
-        }
-        let held_by = self
-            .contacts
-            .all()
-            .iter()
-            .map(|contact| contact.normal)
-            .sum();
-        let offsets = (self.static_offset(), self.moving_offset);
-        for escape in mesh_change.escapes(offsets.0, offsets.1, held_by) {
+        };
+        self.escape(surface, (mesh_change, tried), budget, answer)
+    }
+
+    /// Moves the tool, which meets the surface or is beyond it, out on its side: as far as needed,
+    /// by the escapes that no tick has tried. Stuck where none remains; false if the budget does
+    /// not suffice for all.
+    fn escape(
+        &mut self,
+        surface: Surface<'_>,
+        (mesh_change, tried): (&MeshChange, EscapesTried),
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> bool {
+        let here = self.at;
+        let normals = self.contacts.all().iter().map(|contact| contact.normal);
+        let offsets = [self.static_offset(), tried.moving_offset];
+        let escapes = mesh_change.escapes(offsets, normals.sum());
+        for (count, escape) in escapes.enumerate().skip(tried.count) {
             let out = Placement {
                 centre: here.centre + escape,
                 ..here
             };
-            match self.reaches(surface, &out, budget, answer) {
-                Some(true) => {}
-                Some(false) => continue,
-                None => return false,
-            }
             let path = here.to(&out);
-            let is_met = if self.near.tube.covers(&here, &path, 0.0) {
-                Some(self.meets_candidates(0, &out, answer))
-            } else {
-                self.meets(surface, &out, budget, answer)
+            let is_out = match self.reaches(surface, &out, budget, answer) {
+                Some(true) if self.near.tube.covers(&here, &path, 0.0) => self
+                    .meets_candidates(0, &out, budget, answer)
+                    .map(|is_met| !is_met),
+                Some(true) => self
+                    .meets(surface, &out, budget, answer)
+                    .map(|is_met| !is_met),
+                other => other,
             };
-            match is_met {
-                Some(true) => {}
-                None => return false,
-                Some(false) => {
+            match is_out {
+                Some(true) => {
                     self.near.spend(&out, &path, self.shape.radius);
                     self.come_out_at(&out);
                     return true;
+                }
+                Some(false) => {}
+                None => {
+                    self.escapes_tried = Some(EscapesTried { count, ..tried });
+                    return false;
                 }
             }
         }
@@ -190,23 +220,37 @@ impl ToolProxy {
     }
 
     /// Whether the tool at a placement that the candidates cover meets one of them, from `first`
-    /// on.
-    fn meets_candidates(&mut self, first: usize, at: &Placement, answer: &mut ToolAdvance) -> bool {
+    /// on; `None` if the budget does not suffice.
+    fn meets_candidates(
+        &mut self,
+        first: usize,
+        at: &Placement,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        let placed = self.near.vertex_count() / PLACED;
+        if answer.spent + placed > budget {
+            return answer.run_out();
+        }
+        answer.spent += placed;
         self.near.place(&self.shape, at);
-        let (mut passed, mut tested) = (0, 0);
-        let is_met = self.near.pairs[first..].iter().any(|pair| {
-            passed += 1;
+        for pair in &self.near.pairs[first..] {
+            if answer.spent + PASSED + TESTED > budget {
+                return answer.run_out();
+            }
+            answer.spent += PASSED;
             let own = self.near.corners(&self.shape, pair.tool);
             if self.near.apart_now(pair, own) > 0.0 {
-                return false;
+                continue;
             }
-            tested += 1;
+            answer.spent += TESTED;
+            answer.work.faces += 1;
             let face = &self.near.faces[pair.surface as usize];
-            triangle_pair(face.corners, own).meets()
-        });
-        answer.work.faces += tested;
-        answer.spent += self.near.vertex_count() / PLACED + PASSED * passed + TESTED * tested;
-        is_met
+            if triangle_pair(face.corners, own).meets() {
+                return Some(true);
+            }
+        }
+        Some(false)
     }
 
     /// Whether the tool, clear before, meets a changed face; `None` if the budget does not suffice.
@@ -225,23 +269,25 @@ impl ToolProxy {
         let mut is_met = false;
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
             let corners = surface.corners(face);
-            let mut tested = 0;
-            let cost = for_each_face_near(&self.shape.blocks, &path, corners, 0.0, |own| {
+            let limits = [budget.saturating_sub(answer.spent), TESTED];
+            let meets = |own| {
                 let corners_of_tool = self
                     .tool
                     .triangle(own)
                     .map(|v| self.tool.local_vertices()[v as usize]);
-                tested += 1;
-                is_met = triangle_pair(corners, corners_of_tool.map(|p| to_query.point(p))).meets();
+                answer.work.faces += 1;
+                let own = corners_of_tool.map(|p| to_query.point(p));
+                is_met = triangle_pair(corners, own).meets();
                 !is_met
-            });
-            answer.work.faces += tested;
-            answer.spent += cost + TESTED * tested;
+            };
+            let blocks = &self.shape.blocks;
+            let (cost, is_all) = for_each_face_near(blocks, &path, corners, 0.0, limits, meets);
+            answer.spent += cost;
             if is_met {
                 return Some(true);
             }
-            if answer.spent > budget {
-                return None;
+            if !is_all {
+                return answer.run_out();
             }
         }
         Some(false)
@@ -258,21 +304,23 @@ impl ToolProxy {
     ) -> Option<bool> {
         let still = Twist::default();
         let margin = self.static_offset();
-        let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
-        // What the candidates cost, too, once they are known.
-        let most = budget.saturating_sub(answer.spent) / 2;
-        let (ending, work) = self
-            .near
-            .collect(surface, &self.shape, tube, &mut most.into());
-        answer.work.add(work);
-        answer.spent += work.cost();
-        if self.near.tube.left() <= 0.0 {
-            answer.ending = match ending {
-                Ending::Complete => Ending::Stopped { unvisited: 0 },
-                other => other,
-            };
-            return None;
+        if !self.near.tube.covers(at, &still, 0.0) {
+            let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
+            // What the candidates cost, too, once they are known.
+            let most = budget.saturating_sub(answer.spent) / 2;
+            let (ending, work) = self
+                .near
+                .collect(surface, &self.shape, tube, &mut most.into());
+            answer.work.add(work);
+            answer.spent += work.cost();
+            if self.near.tube.left() <= 0.0 {
+                answer.ending = match ending {
+                    Ending::Complete => Ending::Stopped { unvisited: 0 },
+                    other => other,
+                };
+                return None;
+            }
         }
-        Some(self.meets_candidates(0, at, answer))
+        self.meets_candidates(0, at, budget, answer)
     }
 }

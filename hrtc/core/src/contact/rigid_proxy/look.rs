@@ -75,15 +75,16 @@ impl ToolProxy {
         range: f64,
         answer: &mut ToolAdvance,
     ) -> Option<(Twist, Twist, f64)> {
+        let contacts = self.contacts.all().len() as u32 + 1;
+        let cost = self.near.vertex_count() / PLACED + PROJECTED * contacts;
+        if answer.spent + cost + least_cost(&self.near) > tick.budget {
+            return None;
+        }
         self.near.place(&self.shape, &self.at);
-        answer.spent += self.near.vertex_count() / PLACED;
         if let Some(stop) = tick.last.stop {
             self.add_stop(stop, tick.offset);
         }
-        answer.spent += PROJECTED * self.contacts.all().len() as u32;
-        if answer.spent + least_cost(&self.near) > tick.budget {
-            return None;
-        }
+        answer.spent += cost;
         let motion = self.allowed(wanted, tick.offset, Some(answer));
         let most = range
             .max(tick.look_around)

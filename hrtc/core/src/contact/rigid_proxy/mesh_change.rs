@@ -155,8 +155,7 @@ impl MeshChange {
     /// direction in which the last contacts push, for changed faces that were no candidates.
     pub fn escapes(
         &self,
-        offset: f64,
-        most: f64,
+        [offset, most]: [f64; 2],
         held_by: DVec3,
     ) -> impl Iterator<Item = DVec3> + use<> {
         let side = self.side.try_normalize();

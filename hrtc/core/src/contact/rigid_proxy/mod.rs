@@ -55,6 +55,7 @@ use crate::contact::tool::Tool;
 use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
+use depenetration::EscapesTried;
 use geometry::{BoxPair, Pose, Wrench};
 use glam::DVec3;
 use mesh_change::MeshChange;
@@ -120,6 +121,8 @@ pub struct ToolProxy {
     /// Where the surface has carried the tool's anchor, if it has passed over it; see
     /// `depenetration`.
     carried_anchor: Option<DVec3>,
+    /// Of a depenetration that takes several ticks.
+    escapes_tried: Option<EscapesTried>,
     at: Placement,
     goal: Placement,
     step_limit: StepLimit,
@@ -176,6 +179,7 @@ impl ToolProxy {
             moving_offset: 0.0,
             state: State::Nowhere,
             carried_anchor: None,
+            escapes_tried: None,
             at: nowhere,
             goal: nowhere,
             step_limit: StepLimit::FREE,
@@ -419,6 +423,7 @@ impl ToolProxy {
         self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
             let first_changed = if mesh_change.is_new() {
+                self.escapes_tried = None;
                 self.update(surface, &mesh_change, budget, &mut answer)
             } else {
                 None
@@ -455,6 +460,7 @@ impl ToolProxy {
                 self.limit_target_rate(travelled);
             }
         }
+        debug_assert!(answer.spent <= budget);
         answer
     }
 

@@ -344,7 +344,7 @@ impl Blocks {
     pub(crate) fn any(&self, near: &BoxWithin) -> bool {
         let mut found = false;
         let whole = (&self.whole(), || []);
-        self.faces(near, whole, &mut 0, u32::MAX, |_| {
+        self.faces(near, whole, &mut 0, [u32::MAX, 0], |_| {
             found = true;
             false
         });
@@ -352,15 +352,15 @@ impl Blocks {
     }
 
     /// Calls `visit` with the faces of a set that may be near and inside all slabs, until it
-    /// returns false; adds the number of blocks tested to `cost`. False if that would exceed
-    /// `most`. The slabs are computed when a box is near.
+    /// returns false; adds the number of blocks tested, and what each face costs, to `cost`. False
+    /// if that would exceed `most`. The slabs are computed when a box is near.
     #[inline]
     pub(crate) fn faces<const N: usize>(
         &self,
         near: &BoxWithin,
         (set, slabs): (&BlockSet, impl Fn() -> [Slab; N]),
         cost: &mut u32,
-        most: u32,
+        [most, of_face]: [u32; 2],
         mut visit: impl FnMut(u32) -> bool,
     ) -> bool {
         let mut waiting = [0u32; WAITING];
@@ -395,10 +395,14 @@ impl Blocks {
                         waiting[count] = ((level - 1) << PLACE_BITS | below) as u32;
                         count += 1;
                     }
-                } else if let Some(&face) = self.order.get(below)
-                    && !visit(face)
-                {
-                    return true;
+                } else if let Some(&face) = self.order.get(below) {
+                    if *cost + of_face > most {
+                        return false;
+                    }
+                    *cost += of_face;
+                    if !visit(face) {
+                        return true;
+                    }
                 }
             }
         }

@@ -102,9 +102,6 @@ struct Entry {
 
 /// Cost of a face beside its blocks and pairs, in blocks (measured).
 const FACE: u32 = 4;
-/// Budget from which the first face is finished even over budget, in blocks, so that every call
-/// makes progress.
-const MIN_BUDGET: u32 = 1024;
 
 /// A unit direction at any length; zero if it underflows in f32.
 #[inline]
@@ -159,7 +156,8 @@ impl Resume {
 }
 
 /// Calls `visit` with the tool's faces of a set that may come within a distance of a face, until it
-/// returns false; adds the blocks tested to `cost`. False if that would exceed `most`.
+/// returns false; adds the blocks tested, and what each face costs, to `cost`. False if that would
+/// exceed `most`.
 #[inline]
 fn for_each_near_face(
     tool: &Blocks,
@@ -167,7 +165,7 @@ fn for_each_near_face(
     corners: [DVec3; 3],
     (set, distance): (&BlockSet, Distance),
     cost: &mut u32,
-    most: u32,
+    limits: [u32; 2],
     visit: impl FnMut(u32) -> bool,
 ) -> bool {
     let [[a, p], [b, q], [c, r]] = corners.map(|p| path.point(p));
@@ -176,22 +174,27 @@ fn for_each_near_face(
     let size = path.size + lower.abs().max(upper.abs()).max_element();
     let near = BoxWithin::new([lower, upper], size, &distance);
     let slabs = || slabs([[a, b, c], [p, q, r]], &distance, size + tool.extent());
-    tool.faces(&near, (set, slabs), cost, most, visit)
+    tool.faces(&near, (set, slabs), cost, limits, visit)
 }
 
 /// Calls `visit` with the tool's faces that may come within a distance of a face, until it returns
-/// false. Returns the cost in blocks.
+/// false. Returns the cost in blocks, with what each face visited costs, and whether it stayed
+/// within the first limit; the second one is what a face costs.
 pub(crate) fn for_each_face_near(
     tool: &Blocks,
     path: &RelativePath,
     corners: [DVec3; 3],
     distance: f64,
+    limits: [u32; 2],
     visit: impl FnMut(u32) -> bool,
-) -> u32 {
+) -> (u32, bool) {
     let mut cost = FACE;
+    if cost > limits[0] {
+        return (0, false);
+    }
     let near = (&tool.whole(), Distance::new(distance));
-    for_each_near_face(tool, path, corners, near, &mut cost, u32::MAX, visit);
-    cost
+    let is_all = for_each_near_face(tool, path, corners, near, &mut cost, limits, visit);
+    (cost, is_all)
 }
 
 /// Calls `visit` with every face pair that comes within `margin` (units of the surface's frame)
@@ -200,8 +203,7 @@ pub(crate) fn for_each_face_near(
 ///
 /// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues
 /// with a smaller one. The search ends before its [`PairWork::cost`] exceeds the limit and returns
-/// where to continue: at a face of which a part may have been visited. At budgets of [`MIN_BUDGET`]
-/// or more the first face is finished even over budget, so every call makes progress.
+/// where to continue: at a face of which a part may have been visited.
 pub(crate) fn for_each_near_pair(
     surface: &Surface<'_>,
     tool: &Blocks,
@@ -224,39 +226,30 @@ pub(crate) fn for_each_near_pair(
         tool,
         path,
         resume,
-        budget,
         margin,
         distance: Distance::new(margin),
         work: PairWork::default(),
         stack: [root; STACK],
         count: 1,
-        is_bound: budget < MIN_BUDGET,
     };
     while search.count > 0 {
         let entry = search.stack[search.count - 1];
         let left = budget.saturating_sub(search.work.cost());
-        let is_over = search.is_bound && limit.is_reached(search.work.cost());
-        if search.min_cost(&entry) > left || is_over {
+        if search.min_cost(&entry) > left || limit.is_reached(search.work.cost()) {
             let unvisited = search.count as u32;
             let next = Resume::at(search.key_of(entry.child));
             return (Ending::OutOfBudget { unvisited }, search.work, next);
         }
         search.count -= 1;
-        let mut looks = 0;
         match entry.child {
-            Child::Node(node) => search.open(node, &entry.near, &mut looks),
+            Child::Node(node) => search.open(node, &entry.near),
             Child::Face(face) => {
-                let near = &entry.near;
-                if let Some(ending) = search.visit_face(face, near, left, &mut looks, &mut visit) {
-                    search.work.node_pairs += looks;
+                if let Some(ending) = search.visit_face(face, &entry.near, left, &mut visit) {
                     let next = Resume::at(surface.tree.leaf_of(face));
                     return (ending, search.work, next);
                 }
-                search.is_bound = true;
             }
         }
-        search.work.node_pairs += looks;
-        search.work.boxes += 8 * looks;
     }
     (Ending::Complete, search.work, resume)
 }
@@ -267,15 +260,12 @@ struct NearPairSearch<'a> {
     tool: &'a Blocks,
     path: &'a RelativePath,
     resume: Resume,
-    budget: u32,
     /// Units of the surface's frame; `distance` is the same, rounded up.
     margin: f64,
     distance: Distance,
     work: PairWork,
     stack: [Entry; STACK],
     count: usize,
-    /// Whether the budget also ends the search within a face.
-    is_bound: bool,
 }
 
 impl NearPairSearch<'_> {
@@ -291,15 +281,15 @@ impl NearPairSearch<'_> {
     fn min_cost(&self, entry: &Entry) -> u32 {
         match entry.child {
             Child::Node(_) => 2 * entry.near.len(),
-            Child::Face(_) if self.is_bound => FACE + entry.near.len(),
-            Child::Face(_) => 0,
+            Child::Face(_) => FACE + entry.near.len(),
         }
     }
 
     /// Pushes the children of a node that blocks of the tool may be near.
     #[inline]
-    fn open(&mut self, node: NodeId, near: &BlockSet, looks: &mut u32) {
+    fn open(&mut self, node: NodeId, near: &BlockSet) {
         let (children, boxes) = self.surface.children(node);
+        let mut looks = 0;
         for side in [1, 0] {
             let child = children[side];
             if self.resume != Resume::START && self.resume.is_after(self.key_of(child)) {
@@ -307,50 +297,52 @@ impl NearPairSearch<'_> {
             }
             let BoxSeen { corners, size } = self.path.around(&boxes.get(side));
             let within = BoxWithin::new(corners, size, &self.distance);
-            let near = self.tool.within(&within, near, looks);
+            let near = self.tool.within(&within, near, &mut looks);
             if near.len() > 0 {
                 self.stack[self.count] = Entry { child, near };
                 self.count += 1;
             }
         }
+        self.work.node_pairs += looks;
+        self.work.boxes += 8 * looks;
     }
 
-    /// Visits the faces of the tool near a face of the surface; the ending if the search ends here.
+    /// Visits the faces of the tool near a face of the surface, at a cost of what is `left` at the
+    /// most, [`Self::min_cost`] at the least; the ending if the search ends here.
     #[inline]
     fn visit_face(
         &mut self,
         face: Handle,
         near: &BlockSet,
         left: u32,
-        looks: &mut u32,
         visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
     ) -> Option<Ending> {
         if is(Mutant::ToolPairs) && face % 2 == 1 {
             return None;
         }
         let mut ending = None;
-        *looks += FACE;
-        let most = if self.is_bound { left } else { u32::MAX };
+        let (mut cost, before) = (FACE, self.work.faces);
+        let limits = [left, PairWork::OF_FACE];
         let corners = self.surface.corners(face);
         let near = (near, self.distance);
         let (tool, path, count) = (self.tool, self.path, self.count as u32);
-        let is_all = for_each_near_face(tool, path, corners, near, looks, most, |tool_face| {
-            self.work.faces += 1;
-            match visit(face, tool_face) {
-                ControlFlow::Continue(wanted) => {
-                    if wanted != self.margin {
-                        self.margin = wanted;
-                        self.distance = Distance::new(wanted);
+        let is_all =
+            for_each_near_face(tool, path, corners, near, &mut cost, limits, |tool_face| {
+                self.work.faces += 1;
+                match visit(face, tool_face) {
+                    ControlFlow::Continue(wanted) => {
+                        if wanted != self.margin {
+                            self.margin = wanted;
+                            self.distance = Distance::new(wanted);
+                        }
                     }
-                    if self.is_bound && self.work.cost() >= self.budget {
-                        let unvisited = count + 1;
-                        ending = Some(Ending::OutOfBudget { unvisited });
-                    }
+                    ControlFlow::Break(()) => ending = Some(Ending::Stopped { unvisited: count }),
                 }
-                ControlFlow::Break(()) => ending = Some(Ending::Stopped { unvisited: count }),
-            }
-            ending.is_none()
-        });
+                ending.is_none()
+            });
+        let looks = cost - PairWork::OF_FACE * (self.work.faces - before);
+        self.work.node_pairs += looks;
+        self.work.boxes += 8 * looks;
         if !is_all {
             let unvisited = count + 1;
             ending = Some(Ending::OutOfBudget { unvisited });

@@ -224,6 +224,44 @@ impl Neighbourhood {
         let ends = self.tube.ends();
         self.place(shape, &ends[0]);
         self.place_ends(shape, &ends[1]);
+        let kept = self.drop_changed(mesh, changed);
+        let path = self.path;
+        for &face in changed {
+            if !surface.has(face) || self.face_places.find(face).is_some() {
+                continue;
+            }
+            let mut candidate = CandidateFace::of(mesh, face);
+            let corners = candidate.corners;
+            let centres = ends.map(|at| at.centre);
+            let limits = [most.saturating_sub(work.cost()), PairWork::OF_FACE];
+            let (mut visited, mut has_room) = (0, true);
+            let take = |own| {
+                visited += 1;
+                has_room = self.pairs.len() < MAX_PAIRS && self.faces.len() < MAX_SURFACE_FACES;
+                if has_room
+                    && self
+                        .take(mesh, shape, centres, &mut candidate, own, margin)
+                        .is_some()
+                {
+                    // The tool may have deviated from the path since.
+                    self.clear_until.push(f64::NEG_INFINITY);
+                }
+                has_room
+            };
+            let (cost, is_all) =
+                for_each_face_near(&shape.blocks, &path, corners, within, limits, take);
+            work.faces += visited;
+            work.node_pairs += cost - PairWork::OF_FACE * visited;
+            if !(has_room && is_all) {
+                return (None, work);
+            }
+        }
+        self.high_water = self.high_water.max(self.pairs.len());
+        (Some(kept), work)
+    }
+
+    /// Drops the pairs of faces that have changed or are gone. Returns how many are left.
+    fn drop_changed(&mut self, mesh: &ActiveMesh, changed: &[Handle]) -> usize {
         // A face may be listed more than once.
         for &face in changed {
             if let Some(place) = self.face_places.find(face) {
@@ -247,34 +285,7 @@ impl Neighbourhood {
             }
         }
         self.keep_first(kept, mesh);
-        let path = self.path;
-        for &face in changed {
-            if !surface.has(face) || self.face_places.find(face).is_some() {
-                continue;
-            }
-            let mut candidate = CandidateFace::of(mesh, face);
-            let corners = candidate.corners;
-            let mut has_room = true;
-            let centres = ends.map(|at| at.centre);
-            work.node_pairs += for_each_face_near(&shape.blocks, &path, corners, within, |own| {
-                work.faces += 1;
-                has_room = self.pairs.len() < MAX_PAIRS && self.faces.len() < MAX_SURFACE_FACES;
-                if has_room
-                    && self
-                        .take(mesh, shape, centres, &mut candidate, own, margin)
-                        .is_some()
-                {
-                    // The tool may have deviated from the path since.
-                    self.clear_until.push(f64::NEG_INFINITY);
-                }
-                has_room
-            });
-            if !has_room || work.cost() > most {
-                return (None, work);
-            }
-        }
-        self.high_water = self.high_water.max(self.pairs.len());
-        (Some(kept), work)
+        kept
     }
 
     /// Places vertices of the tool that are not listed yet at start and end of the path.
