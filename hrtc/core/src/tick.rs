@@ -33,7 +33,7 @@ use crate::force::passivity::CarriedWork;
 use crate::observer::{Stage, StageObserver, ToolBefore};
 use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
-use crate::streaming::Outbox;
+use crate::streaming::{Outbox, turn_of};
 use crate::streaming::chunk::InboxChunk;
 use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE, USUAL_TOOL_UNITS};
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
@@ -275,7 +275,7 @@ impl Controller {
             ..
         } = &mut self.active;
         // Each has its turn, whatever those do that are nearer.
-        let turn = self.own_tick.checked_rem(order.len() as u64);
+        let turn = turn_of(self.own_tick, order.len());
         for (&(_, k), place) in order.iter().zip(0..) {
             outbox.begin_session(usize::from(Some(place) < turn));
             objects[k].predict(&self.probes, now, meter, outbox);

@@ -11,4 +11,4 @@ pub(crate) mod session;
 pub mod subscriber;
 
 pub use fault::Fault;
-pub use outbox::Outbox;
+pub use outbox::{Outbox, turn_of};

@@ -67,6 +67,14 @@ impl Outbox {
     }
 }
 
+/// The session of so many whose turn a tick is; `None` without any. In no order: predictions come
+/// in rounds of some ticks, so that a fixed order would leave the same part of each to the same
+/// session. Multiples of the golden ratio fall into every part of a range equally often.
+#[must_use]
+pub fn turn_of(tick: u64, sessions: usize) -> Option<u64> {
+    (tick.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32).checked_rem(sessions as u64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -100,5 +108,20 @@ mod tests {
                 prop_assert_eq!(made, allowed.max(1).min(REQUESTS_PER_TICK * sessions));
             }
         }
+    }
+
+    #[test]
+    fn each_session_has_its_turn_in_every_part_of_every_round() {
+        for (sessions, round) in (1..9).flat_map(|k| (1..40).map(move |round| (k, round))) {
+            for phase in 0..round {
+                let mut turns = vec![0; sessions];
+                for k in 0..100 * sessions as u64 {
+                    let turn = turn_of(k * round + phase, sessions);
+                    turns[turn.unwrap_or(0) as usize] += 1;
+                }
+                assert!(turns.iter().all(|&of| of > 50), "{round}: {turns:?}");
+            }
+        }
+        assert_eq!(turn_of(3, 0), None);
     }
 }
