@@ -3,7 +3,7 @@
 use crate::contact::query::{Deadline, Work};
 use crate::costs::{QueryWork, WorkCosts};
 use crate::observer::{StageObserver, Timed};
-use crate::tuning::governor::{ENTRIES_PER_FACE, MIN_SEARCH_UNITS, OPERATION_FACES};
+use crate::tuning::governor::{ENTRIES_PER_FACE, LARGE_FACES, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
@@ -16,13 +16,14 @@ pub struct Budget<'a> {
     pub ingest: u32,
     /// Splits and collapses.
     pub operations: u32,
-    /// Faces that they may change; each operation counts as [`OPERATION_FACES`] more. The last one
-    /// begun may go beyond it by `max_fan`.
+    /// Faces that they may change; each operation counts as [`OPERATION_FACES`] more.
     pub faces: u32,
     /// Faces that one operation may change; one that would change more is not begun.
     pub max_fan: u32,
-    /// Closure entries to go through for refinement.
+    /// Closure entries to go through for refinement; they are charged to the faces, too.
     pub entries: u32,
+    /// Of a face that is charged, entries that may still be gone through.
+    pub prepaid: u32,
     /// Entries of closures, region tables and caches to go through for what is not needed any more
     /// or is here already.
     pub upkeep: u32,
@@ -33,7 +34,8 @@ pub struct Budget<'a> {
 impl Budget<'_> {
     /// Whether another split or collapse may begin.
     pub fn has_operations(&mut self) -> bool {
-        self.operations > 0 && self.faces > 0 && !self.is_over()
+        let has_faces = self.faces >= OPERATION_FACES + self.max_fan;
+        self.operations > 0 && has_faces && !self.is_over()
     }
 
     /// Whether the time for received data and refinement is over.
@@ -41,16 +43,28 @@ impl Budget<'_> {
         self.observer.is_over(Timed::Refinement)
     }
 
-    /// There is time for so many faces.
-    pub fn limit_faces(&mut self, faces: u32) {
-        // The last operation begun goes beyond what is left.
-        self.max_fan = self.max_fan.min(faces / 4);
-        self.faces = self.faces.min(faces - faces / 4);
+    /// There is time for so many faces from now on.
+    pub fn set_faces(&mut self, faces: u32) {
+        self.faces = faces;
+        // Of many an operation may have a quarter, of few all.
+        let alone = faces.saturating_sub(OPERATION_FACES);
+        self.max_fan = alone.min(LARGE_FACES.max(faces / 4));
+    }
+
+    /// Closure entries may be gone through: what is taken off them is charged.
+    pub fn go_through<T>(&mut self, look: impl FnOnce(&mut u32) -> T) -> T {
+        let before = self.entries;
+        let found = look(&mut self.entries);
+        self.charge_entries(before - self.entries);
+        found
     }
 
     /// Closure entries were gone through.
     pub fn charge_entries(&mut self, entries: u32) {
-        self.charge_faces(entries.div_ceil(ENTRIES_PER_FACE));
+        let unpaid = entries.saturating_sub(self.prepaid);
+        let faces = unpaid.div_ceil(ENTRIES_PER_FACE);
+        self.prepaid = faces * ENTRIES_PER_FACE + self.prepaid - entries;
+        self.charge_faces(faces);
     }
 
     /// A split or collapse that has changed these faces.

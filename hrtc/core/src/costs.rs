@@ -1,5 +1,6 @@
 //! What the units of counted work cost on a machine.
 
+use crate::tuning::governor::{LARGE_FACES, OPERATION_FACES};
 use serde::{Deserialize, Serialize};
 
 /// Costs of the units of counted work on a machine, nanoseconds.
@@ -99,6 +100,12 @@ impl WorkCosts {
             QueryWork::Effects | QueryWork::Ball => self.ball,
             QueryWork::Tool => self.tool,
         }
+    }
+
+    /// A split or collapse of a large fan.
+    #[must_use]
+    pub fn large_operation(&self) -> f64 {
+        f64::from(OPERATION_FACES + LARGE_FACES) * self.face
     }
 
     /// The same on a machine where the stages of each group take so many times as long.

@@ -6,7 +6,9 @@
 //!
 //! 1. what every tick does (pairs, limits of force) is taken off first,
 //! 2. then what the contacts took of late, at most `CONTACT_SHARE` of the rest,
-//! 3. received data, splits and collapses share what is left, the most urgent region first,
+//! 3. received data, splits and collapses share what is left, the most urgent region first: at
+//!    least one collapse has time, else a surface that is too fine for the machine could never be
+//!    coarser,
 //! 4. the contacts have everything that these leave; where a probe may touch next comes last.
 //!
 //! So a tick that is short of time gives up, in this order: looking ahead, data that is loaded
@@ -23,7 +25,9 @@
 //!
 //! Where the surface under a probe has so many faces that touching it takes more than a tick has,
 //! again and again, the finest ring is raised too: by the steps of memory pressure (`Steps`), since
-//! it is the same want of another good.
+//! it is the same want of another good. None is taken that would change nothing, and where a tick
+//! has a quarter more time than any that was cut, they go back as soon as one after the other has
+//! taken effect: the machine is faster again, which needs no trial.
 //!
 //! # The law
 //!
@@ -55,9 +59,10 @@ use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
     CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, LATE, LATE_CUT, MAX_CUT, MIN_BALL_UNITS,
-    MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, OPERATION_FACES, OPERATIONS_RETURN_S,
-    SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES,
-    UNITS_PER_OPERATION, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
+    MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES,
+    OPERATIONS_RETURN_S, RECEIVED_SHARE, SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S,
+    SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, UPKEEP_SHARE, USUAL_BALL_UNITS,
+    USUAL_TOOL_UNITS,
 };
 use crate::tuning::streaming::MIN_UNITS;
 use serde::{Deserialize, Serialize};
@@ -106,10 +111,10 @@ impl TickTime {
         (self.allowed - self.contacts - self.spent.total()).max(0.0)
     }
 
-    /// Faces that operations may change in this time.
+    /// Faces that operations may change in a share of this time.
     #[must_use]
-    pub fn faces(&self) -> u32 {
-        (self.for_refinement() / self.costs.face) as u32
+    pub fn faces(&self, share: f64) -> u32 {
+        (share * self.for_refinement() / self.costs.face) as u32
     }
 
     /// What a split takes on most meshes, with its record, nanoseconds.
@@ -134,10 +139,12 @@ impl TickTime {
         (share * self.for_refinement() / self.costs.entry) as u32
     }
 
-    /// Units of received data that half of this time suffices for: they are there to be split.
+    /// Units of received data that the share for it suffices for, beside a question to the
+    /// station: they are there to be split.
     #[must_use]
     pub fn received_units(&self) -> u32 {
-        (0.5 * self.for_refinement() / self.costs.received) as u32
+        let left = self.for_refinement() - self.costs.request;
+        (RECEIVED_SHARE * left.max(0.0) / self.costs.received) as u32
     }
 
     /// Costs of the units.
@@ -158,10 +165,10 @@ impl TickTime {
         self.spent.charge(CostGroup::Inbox, ns);
     }
 
-    /// Operations by the faces they changed, and closure entries.
-    pub fn charge_refinement(&mut self, faces: u32, entries: u32) {
+    /// All operations of the tick so far by the faces they changed, and closure entries.
+    pub fn set_refinement(&mut self, faces: u32, entries: u32) {
         let ns = f64::from(faces) * self.costs.face + f64::from(entries) * self.costs.entry;
-        self.spent.charge(CostGroup::Refine, ns);
+        self.spent.by_group[CostGroup::Refine as usize] = ns;
     }
 
     /// Queries, nanoseconds.
@@ -226,6 +233,8 @@ pub struct Governor {
     contact_ns: f64,
     /// Ticks of late in which a contact had less time than it needs.
     cut: f64,
+    /// The most time that such a tick had since the first step, nanoseconds.
+    cut_ns: f64,
     steps: Steps,
     /// Operations a tick that the scene allows.
     max_operations: f64,
@@ -247,6 +256,7 @@ impl Governor {
             ratios: [1.0; 3],
             contact_ns: 0.0,
             cut: 0.0,
+            cut_ns: 0.0,
             steps: Steps::new(Horizons::new(1.0 / period_s).pressure),
             max_operations: max_operations as f64,
             operations: max_operations as f64,
@@ -347,8 +357,10 @@ impl Governor {
         let search = pairs * f64::from(MIN_SEARCH_UNITS) * costs.search;
         time.allowed = share.max(fixed + inbox + search);
         let rest = time.allowed - fixed;
-        let contacts = self.contact_ns.min(CONTACT_SHARE * rest);
-        time.contacts = contacts.max(least).min(rest);
+        let contacts = self.contact_ns.min(CONTACT_SHARE * rest).max(least);
+        let step = balls * costs.ball + tools * costs.tool;
+        let but_a_collapse = rest - costs.large_operation() / (1.0 - UPKEEP_SHARE);
+        time.contacts = contacts.min(but_a_collapse.max(search + step)).min(rest);
         self.time = time;
         let affordable =
             (time.for_refinement() / time.operation_ns()).clamp(1.0, self.max_operations);
@@ -363,18 +375,24 @@ impl Governor {
         self.steps.count()
     }
 
-    /// The queries of the tick are done; `is_cut`: a contact had less time than it needs.
-    pub fn end_queries(&mut self, tick: u64, is_cut: bool) {
-        self.cut = if is_cut {
-            self.cut + 1.0
+    /// The queries of the tick are done; `is_cut`: a contact had less time than it needs;
+    /// `can_ask_for_less`: another step would change what is asked for.
+    pub fn end_queries(&mut self, tick: u64, is_cut: bool, can_ask_for_less: bool) {
+        let allowed = self.time.allowed;
+        if is_cut {
+            self.cut += 1.0;
+            self.cut_ns = self.cut_ns.max(allowed);
         } else {
-            (self.cut - CUT_FADES).max(0.0)
-        };
-        if self.cut >= MAX_CUT && self.steps.want(tick) {
+            self.cut = (self.cut - CUT_FADES).max(0.0);
+        }
+        if self.cut >= MAX_CUT && can_ask_for_less && self.steps.want(tick) {
             self.cut = 0.0;
             self.steps.step(tick);
         }
-        self.steps.recover(tick);
+        self.steps.recover(tick, allowed > MORE_TIME * self.cut_ns);
+        if self.steps.count() == 0 && self.cut == 0.0 {
+            self.cut_ns = 0.0;
+        }
         let taken = self.time.spent.by_group[CostGroup::Query as usize];
         let faded = self.contact_ns * (-self.period_s / CONTACT_FADES_S).exp();
         self.contact_ns = taken.max(faded);
@@ -390,9 +408,9 @@ mod tests {
         let mut times = Vec::with_capacity(ticks);
         for k in 0..ticks {
             governor.begin_tick([1, 0]);
-            let faces = governor.time.faces();
-            governor.time.charge_refinement(faces, 0);
-            governor.end_queries(k as u64, false);
+            let faces = governor.time.faces(1.0);
+            governor.time.set_refinement(faces, 0);
+            governor.end_queries(k as u64, false, true);
             let spent = governor.time.spent.total();
             times.push(factor * spent);
             governor.note_work(factor * spent);
@@ -428,7 +446,9 @@ mod tests {
         assert!(tool.contact_ns > 4.0 * ball.contact_ns && tool.operations < 96.0);
         let fast = need(4.0, 2.5e-4, [0, 1]);
         assert!(fast.contact_ns > fast.share_ns && fast.operations < tool.operations);
-        assert_eq!(need(16.0, 2.5e-4, [4, 0]).operations, 1.0);
+        // A collapse has time in any tick, and few faces are the half of many.
+        let least = need(16.0, 2.5e-4, [4, 0]).operations;
+        assert!((1.0..2.0).contains(&least), "{least}");
     }
 
     #[test]
@@ -447,8 +467,8 @@ mod tests {
         let mut run = |ticks: usize, every: usize| {
             for k in 0..ticks {
                 governor.begin_tick([1, 0]);
-                governor.time.charge_refinement(governor.time.faces(), 0);
-                governor.end_queries(k as u64, false);
+                governor.time.set_refinement(governor.time.faces(1.0), 0);
+                governor.end_queries(k as u64, false, true);
                 let spent = governor.time.spent.total();
                 let is_late = k % every == every - 1;
                 governor.note_work(if is_late { 0.85e6 } else { spent });
@@ -466,6 +486,33 @@ mod tests {
     }
 
     #[test]
+    fn steps_are_taken_where_they_change_something_and_go_back_when_the_machine_is_fast_again() {
+        let mut governor = Governor::new(1e-3, 96);
+        let mut tick = 0;
+        let mut run = |factor: f64, most: u32, seconds: u64| {
+            for _ in 0..seconds * 1000 {
+                tick += 1;
+                governor.begin_tick([1, 0]);
+                // A contact that takes all there is on a slow machine, half of it on a fast one.
+                let ns = governor.time.allowed().min(0.35e6);
+                governor.time.charge_queries(ns as u32);
+                let is_cut = governor.time.allowed() < 0.35e6;
+                let can_ask_for_less = governor.steps() < most;
+                governor.end_queries(tick, is_cut, can_ask_for_less);
+                governor.note_work(factor * governor.time.spent.total());
+            }
+            governor.steps()
+        };
+        assert_eq!(run(1.0, 5, 1), 0);
+        assert_eq!(run(8.0, 5, 4), 5, "no more than change something");
+        assert_eq!(
+            run(1.0, 5, 1),
+            0,
+            "a second later all of it is asked for again"
+        );
+    }
+
+    #[test]
     fn at_constant_load_the_operations_do_not_hunt() {
         let mut governor = Governor::new(1e-3, 96);
         governor.set_costs(WorkCosts::REFERENCE.scaled([6.0; 4]));
@@ -477,7 +524,7 @@ mod tests {
             let units = if k % 50 < 10 { 900 } else { 100 };
             let ns = f64::from(units) * governor.costs.ball;
             governor.time.charge_queries(ns as u32);
-            governor.end_queries(k as u64, false);
+            governor.end_queries(k as u64, false, true);
             governor.note_work(governor.time.spent.total());
             let now = governor.operations();
             if k > 1000 {

@@ -33,9 +33,9 @@ use crate::force::passivity::CarriedWork;
 use crate::observer::{Stage, StageObserver, ToolBefore};
 use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
-use crate::streaming::{Outbox, turn_of};
 use crate::streaming::chunk::InboxChunk;
-use crate::tuning::governor::{ENTRIES_SHARE, UPKEEP_SHARE, USUAL_TOOL_UNITS};
+use crate::streaming::{Outbox, turn_of};
+use crate::tuning::governor::{ENTRIES_SHARE, RECEIVED_SHARE, UPKEEP_SHARE, USUAL_TOOL_UNITS};
 use crate::tuning::lod::{CHANGES_PER_UNIT, ENTRIES_PER_OPERATION};
 use crate::tuning::streaming::MIN_UNITS;
 use geometry::Wrench;
@@ -139,19 +139,22 @@ impl Controller {
         self.sample(inputs, elapsed);
         self.governor.begin_tick(self.active.near_pairs());
         let mut budget = self.budget(observer);
-        let upkeep = budget.upkeep;
+        let mut upkeep = budget.upkeep;
         record.unserved = self.activate(inputs, &mut budget, &mut outputs.outbox);
         budget.observer.ended(Stage::BroadPhase);
 
         budget.ingest = self.ingest_units(waiting);
         outputs.chunks_consumed = self.receive(inputs, &mut budget, &mut record);
+        self.charge_refinement(upkeep - budget.upkeep);
         let requests = self.governor.time.requests(record.work_units);
         outputs.outbox.share_out(requests);
         self.predict(waiting, &mut outputs.outbox);
         let requests = outputs.outbox.requests().len();
         self.governor.time.charge_inbox(record.work_units, requests);
         // Received data and operations share their time.
-        budget.limit_faces(self.governor.time.faces());
+        upkeep -= budget.upkeep;
+        self.limit_refinement(&mut budget, 1.0 - UPKEEP_SHARE);
+        upkeep += budget.upkeep;
         budget.observer.ended(Stage::Inbox);
 
         self.refine(&mut budget, &mut record, upkeep);
@@ -219,23 +222,43 @@ impl Controller {
         self.active.activate(&self.probes, own_tick, budget, outbox)
     }
 
-    /// The work of a tick, but for received data.
+    /// The work of a tick, but for received data. While that comes, operations have what it leaves.
     fn budget<'a>(&self, observer: &'a mut dyn StageObserver) -> Budget<'a> {
-        let time = &self.governor.time;
         let operations = self.operations as u32;
-        let upkeep = CHANGES_PER_UNIT.saturating_mul(time.entries(UPKEEP_SHARE));
         let mut budget = Budget {
             observer,
             ingest: 0,
             operations: operations * if is(Mutant::Budget) { 4 } else { 1 },
-            faces: u32::MAX,
-            max_fan: u32::MAX,
-            entries: (operations * ENTRIES_PER_OPERATION).min(time.entries(ENTRIES_SHARE)),
-            upkeep: self.work.upkeep.min(upkeep),
-            forgotten: self.work.forgotten.min(upkeep / 2),
+            faces: 0,
+            max_fan: 0,
+            entries: operations * ENTRIES_PER_OPERATION,
+            prepaid: 0,
+            upkeep: self.work.upkeep,
+            forgotten: self.work.forgotten,
         };
-        budget.limit_faces(time.faces());
+        self.limit_refinement(&mut budget, 1.0 - UPKEEP_SHARE - RECEIVED_SHARE);
+        budget.forgotten = budget.forgotten.min(budget.upkeep / 2);
         budget
+    }
+
+    /// Limits refinement to the time there is for it now; `share`: the part of it for operations.
+    fn limit_refinement(&self, budget: &mut Budget, share: f64) {
+        let time = &self.governor.time;
+        budget.set_faces(time.faces(share));
+        budget.entries = budget.entries.min(time.entries(ENTRIES_SHARE));
+        let upkeep = CHANGES_PER_UNIT.saturating_mul(time.entries(UPKEEP_SHARE));
+        budget.upkeep = budget.upkeep.min(upkeep);
+    }
+
+    /// Charges what was split, collapsed and gone through in the tick so far; `upkeep`: entries of
+    /// the latter. Returns the faces that have changed.
+    fn charge_refinement(&mut self, upkeep: u32) -> u32 {
+        let stats = || self.active.objects.iter().map(|of| of.front.stats);
+        let faces = stats().map(|of| of.faces).sum();
+        let entries: u32 = stats().map(|of| of.entries).sum();
+        let entries = entries + upkeep.div_ceil(CHANGES_PER_UNIT);
+        self.governor.time.set_refinement(faces, entries);
+        faces
     }
 
     /// The work for received data in a tick with so many chunks that wait.
@@ -296,12 +319,7 @@ impl Controller {
         }
         let upkeep = allowed_upkeep - budget.upkeep;
         record.work_units += upkeep.div_ceil(CHANGES_PER_UNIT);
-        let stats = || self.active.objects.iter().map(|of| of.front.stats);
-        let faces = stats().map(|of| of.faces).sum();
-        record.operation_faces = faces;
-        let entries: u32 = stats().map(|of| of.entries).sum();
-        let entries = entries + upkeep.div_ceil(CHANGES_PER_UNIT);
-        self.governor.time.charge_refinement(faces, entries);
+        record.operation_faces = self.charge_refinement(upkeep);
     }
 
     /// Updates the AB-trees.
@@ -344,7 +362,9 @@ impl Controller {
         record.query_units = budget.units();
         record.unfinished = objects.iter().map(|of| of.contacts.unfinished).sum();
         let is_cut = is_short && record.unfinished > 0;
-        self.governor.end_queries(self.own_tick, is_cut);
+        let can_ask_for_less = objects.iter().any(ActiveObject::can_ask_for_less);
+        self.governor
+            .end_queries(self.own_tick, is_cut, can_ask_for_less);
         self.end_policy();
         record.allowed_ns = self.governor.time.allowed() as u32;
         record.spent_ns = self.governor.time.spent.total() as u32;

@@ -60,6 +60,9 @@ pub mod governor {
     /// is not.
     pub const MAX_CUT: f64 = 3.0;
     pub const CUT_FADES: f64 = 0.1;
+    /// The time of a tick over the most that one had in which a contact was cut, above which the
+    /// machine is faster again. As wide as the dead zone of the operations.
+    pub const MORE_TIME: f64 = 1.25;
     /// Time in which the operations that there is time for again come back by two thirds.
     pub const OPERATIONS_RETURN_S: f64 = 0.3;
     /// Faces whose change costs as much as an operation beside that of its faces.
@@ -81,10 +84,13 @@ pub mod governor {
     pub const MIN_SEARCH_UNITS: u32 = 8;
     /// Faces that a split or collapse changes on most meshes.
     pub const TYPICAL_FACES: u32 = 10;
+    /// Faces that hardly an operation on a usual mesh exceeds; one of so many has time in any tick.
+    pub const LARGE_FACES: u32 = 20;
     /// Units of received data that a split needs: its record.
     pub const UNITS_PER_OPERATION: f64 = super::streaming::UNITS_PER_ITEM as f64;
-    /// Part of a tick's time for refinement that closure entries may take, and that what is not
-    /// needed any more may.
+    /// Part of a tick's time for refinement that received data may take, beside a question.
+    pub const RECEIVED_SHARE: f64 = 0.5;
+    /// Part that closure entries may take, and that what is not needed any more may.
     pub const ENTRIES_SHARE: f64 = 0.25;
     pub const UPKEEP_SHARE: f64 = 0.125;
 }

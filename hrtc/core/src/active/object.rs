@@ -207,6 +207,11 @@ impl ActiveObject {
         matches!(self.front.detail(), Detail::Splits(share) if share < 1.0) && seen() > 0.0
     }
 
+    /// Whether another step for want of time would change what a near probe asks for.
+    pub(crate) fn can_ask_for_less(&self) -> bool {
+        self.is_near() && self.front.can_ask_for_less()
+    }
+
     /// Whether a probe is near.
     pub(super) fn is_near(&self) -> bool {
         self.contacts.pairs.iter().any(|pair| pair.is_near)

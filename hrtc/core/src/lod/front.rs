@@ -24,6 +24,7 @@ use crate::policy::{Detail, Seen};
 use crate::probe::contacts::Contacts;
 use crate::tuning::active::REACH_RADII;
 use crate::tuning::lod::MAX_WANTED;
+use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::RADII_AROUND;
 use crate::work::TickWork;
 use scene::{RefinementPlan, ScenePlan};
@@ -207,6 +208,19 @@ impl Front {
     pub fn set_time(&mut self, operations: f64, steps: u32) {
         self.operations = operations;
         self.time_steps = steps;
+    }
+
+    /// Whether another step for want of time would change what is asked for.
+    #[must_use]
+    pub fn can_ask_for_less(&self) -> bool {
+        match self.plan {
+            RefinementPlan::Local => {
+                let is_finer = |lod: &LodController| lod.finest() + 1 < lod.rings().len();
+                self.time_steps < STEPS_BEFORE_COARSER || self.lod().is_some_and(is_finer)
+            }
+            // Only what is loaded ahead goes.
+            RefinementPlan::Global { .. } => self.time_steps == 0,
+        }
     }
 
     /// It may be so fine.

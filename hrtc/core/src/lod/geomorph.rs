@@ -8,9 +8,10 @@ use crate::perception::{
     may_come_near, space_of, turns_over,
 };
 use crate::probe::contacts::Contacts;
-use crate::tuning::lod::{IMMEDIATE_SHARE, STEPS_PER_OPERATION};
+use crate::tuning::governor::{LARGE_FACES, OPERATION_FACES};
+use crate::tuning::lod::{FACES_PER_WAIT, IMMEDIATE_SHARE, STEPS_PER_OPERATION};
 use mutants::{Mutant, is};
-use spm::{Handle, OperationError, OperationFaces, Slot};
+use spm::{Geomorph, Handle, OperationError, Slot};
 
 /// How a split or collapse is to be performed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,14 +65,11 @@ impl Front {
         let count = self.cache.mesh().geomorphs().len();
         let max_steps = (budget.operations * STEPS_PER_OPERATION) as usize;
         // Where a tick has no time for all, they take turns.
-        let first = if count > max_steps { tick as usize } else { 0 };
+        let is_short = count > max_steps || count > (budget.faces / LARGE_FACES) as usize;
+        let first = if is_short { tick as usize } else { 0 };
         let (mut steps, mut k) = (0, 0);
         while k < count && steps < max_steps && budget.faces > 0 {
-            let stepped = self.step_geomorph((first + k) % count, contacts);
-            steps += stepped;
-            if stepped > 0 {
-                self.charge(self.faces.deformed().len() as u32, budget);
-            }
+            steps += self.step_geomorph((first + k) % count, budget, contacts);
             k += 1;
         }
         self.cache.finish_geomorphs();
@@ -90,6 +88,8 @@ impl Front {
             let arrived = geomorph.is_to_parent() && geomorph.done() >= 1.0;
             match creator.filter(|&slot| arrived && self.cache.mesh().has_reached_parent(slot)) {
                 Some(slot) if budget.has_operations() => {
+                    self.faces
+                        .set_limit((budget.faces - OPERATION_FACES) as usize);
                     if !self.collapse(slot, contacts) {
                         // The fans have become too large meanwhile: the pair parts again.
                         self.cache.cancel_collapse(slot);
@@ -105,8 +105,14 @@ impl Front {
 
     /// Steps a geomorph and that of its sibling: by the largest share of their displacements that
     /// every perception limit admits. The share is the same for both, so that the faces between
-    /// them open the right way round. Returns the number of vertices moved.
-    fn step_geomorph(&mut self, index: usize, contacts: &mut Contacts) -> usize {
+    /// them open the right way round. Where there is no time for the faces around both, they stay.
+    /// Returns the number of vertices moved.
+    fn step_geomorph(
+        &mut self,
+        index: usize,
+        budget: &mut Budget,
+        contacts: &mut Contacts,
+    ) -> usize {
         let geomorph = self.cache.mesh().geomorphs()[index];
         if let Some(slot) = self.cache.mesh().creator_of_vertex(geomorph.vertex())
             && geomorph.is_to_parent()
@@ -120,29 +126,61 @@ impl Front {
             // It waits for its sibling's collapse, or moves with it.
             return 0;
         }
+        let around = self.find_faces_around(&geomorph, sibling, budget);
+        let Some(around) = around.filter(|&around| around <= budget.faces) else {
+            self.charge(around.unwrap_or(budget.faces) / FACES_PER_WAIT, budget);
+            return 0;
+        };
         let share = self.share_of_step(index, sibling, contacts);
-        for index in [Some(index), sibling].into_iter().flatten() {
-            let done = self.cache.mesh().geomorphs()[index].done() + share;
-            self.move_geomorph(index, done, contacts);
-        }
+        self.move_geomorphs(index, sibling, share, contacts);
+        self.charge(around, budget);
         1 + usize::from(sibling.is_some())
     }
 
-    /// Moves a geomorphing vertex, and the proxies with it.
-    fn move_geomorph(&mut self, index: usize, done: f64, contacts: &mut Contacts) {
+    /// Finds the faces around a geomorphing vertex and its sibling. Returns their number; `None`
+    /// where there is no time for the faces of one of them.
+    fn find_faces_around(
+        &mut self,
+        geomorph: &Geomorph,
+        sibling: Option<usize>,
+        budget: &Budget,
+    ) -> Option<u32> {
         let mesh = self.cache.mesh();
-        let geomorph = mesh.geomorphs()[index];
-        if mesh
-            .faces_around_geomorph(&geomorph, &mut self.faces)
-            .is_some()
-        {
-            self.cache.step_geomorph(index, done, &self.faces);
-            contacts.carry(self.cache.mesh(), &self.faces);
+        let of_sibling = sibling.map(|index| mesh.geomorphs()[index]);
+        let [faces, others] = [&mut self.faces, &mut self.faces_of_sibling];
+        for faces in [&mut *faces, &mut *others] {
+            faces.set_limit(budget.faces as usize);
+        }
+        mesh.faces_around_geomorph(geomorph, faces)?;
+        let mut around = faces.deformed().len();
+        if let Some(other) = of_sibling {
+            mesh.faces_around_geomorph(&other, others)?;
+            around += others.deformed().len();
+        }
+        Some(around as u32)
+    }
+
+    /// Moves a geomorphing vertex and its sibling, whose faces were found, by a share of their
+    /// displacements, and the proxies with them.
+    fn move_geomorphs(
+        &mut self,
+        index: usize,
+        sibling: Option<usize>,
+        share: f64,
+        contacts: &mut Contacts,
+    ) {
+        let pair = [Some(index), sibling];
+        for (index, faces) in pair.into_iter().zip([&self.faces, &self.faces_of_sibling]) {
+            if let Some(index) = index {
+                let done = self.cache.mesh().geomorphs()[index].done() + share;
+                self.cache.step_geomorph(index, done, faces);
+                contacts.carry(self.cache.mesh(), faces);
+            }
         }
     }
 
-    /// The share of their displacements that a geomorph and that of its sibling may move in this
-    /// tick; proxies that perceive them are limited in their steps.
+    /// The share of their displacements that a geomorph and that of its sibling, whose faces were
+    /// found, may move in this tick; proxies that perceive them are limited in their steps.
     fn share_of_step(
         &mut self,
         index: usize,
@@ -158,14 +196,6 @@ impl Front {
         } = self;
         let geomorph = mesh.geomorphs()[index];
         let of_sibling = sibling.map(|index| mesh.geomorphs()[index]);
-        let is_whole = mesh.faces_around_geomorph(&geomorph, faces).is_some()
-            && of_sibling.is_none_or(|other| {
-                mesh.faces_around_geomorph(&other, faces_of_sibling)
-                    .is_some()
-            });
-        if !is_whole {
-            return 1.0;
-        }
         let step = (geomorph, &*faces);
         let second = of_sibling.map(|other| (other, &*faces_of_sibling));
         let steps = [step, second.unwrap_or(step)];
@@ -189,7 +219,15 @@ impl Front {
 
     /// Finishes the geomorph that began last where the perception limits admit all of it in this
     /// tick, so that a small one does not keep a contact coarse until the next tick.
-    pub(super) fn finish_small_geomorph(&mut self, contacts: &mut Contacts) {
+    pub(super) fn finish_small_geomorph(&mut self, budget: &mut Budget, contacts: &mut Contacts) {
+        let Some([first, second]) = self.cache.mesh().geomorphs().last_chunk().copied() else {
+            return;
+        };
+        let count = self.cache.mesh().geomorphs().len();
+        let around = self.find_faces_around(&first, Some(count - 1), budget);
+        let Some(around) = around.filter(|&around| around <= budget.faces) else {
+            return;
+        };
         let mesh = self.cache.mesh();
         let Self {
             faces,
@@ -198,17 +236,7 @@ impl Front {
             used,
             ..
         } = self;
-        let Some([first, second]) = mesh.geomorphs().last_chunk() else {
-            return;
-        };
-        let is_whole = mesh.faces_around_geomorph(first, faces).is_some()
-            && mesh
-                .faces_around_geomorph(second, faces_of_sibling)
-                .is_some();
-        if !is_whole {
-            return;
-        }
-        let steps = [(*first, &*faces), (*second, &*faces_of_sibling)];
+        let steps = [(first, &*faces), (second, &*faces_of_sibling)];
         let taken = |limit: &PerceptionLimit| excess(mesh, &steps, limit, 1.0);
         let mut all = reached.iter();
         if !all.all(|(probe, limit)| used[*probe] + taken(limit) <= IMMEDIATE_SHARE) {
@@ -218,10 +246,8 @@ impl Front {
             let shares = of_probe.iter().map(|(_, limit)| taken(limit));
             used[of_probe[0].0] += shares.fold(0.0, f64::max);
         }
-        let count = mesh.geomorphs().len();
-        for index in [count - 2, count - 1] {
-            self.move_geomorph(index, 1.0, contacts);
-        }
+        self.move_geomorphs(count - 2, Some(count - 1), 1.0, contacts);
+        self.charge(around, budget);
         self.cache.finish_geomorphs();
     }
 
@@ -323,7 +349,6 @@ impl Front {
             }
         };
         self.charge_operation(budget);
-        self.faces.set_limit(OperationFaces::MAX_FACES);
         outcome
     }
 

@@ -60,13 +60,19 @@ impl Steps {
         self.went_back = false;
     }
 
-    /// Goes back a step when there was enough for long enough.
-    pub fn recover(&mut self, tick: u64) {
+    /// Goes back a step when there was enough for long enough. `has_more`: there is more now than
+    /// at any want since the first step; then it need only be seen what the step before does.
+    pub fn recover(&mut self, tick: u64, has_more: bool) {
         let Some(wanted) = self.wanted else {
             return;
         };
         let since = wanted.max(self.changed);
-        if self.count > 0 && tick > since + self.wait_ticks {
+        let wait = if has_more {
+            self.horizons.settle
+        } else {
+            self.wait_ticks
+        };
+        if self.count > 0 && tick > since + wait {
             self.count -= 1;
             self.changed = tick;
             self.went_back = true;
@@ -136,7 +142,7 @@ impl MemoryPressure {
 
     /// Goes back a step when there was room for long enough.
     pub fn recover(&mut self, tick: u64) {
-        self.steps.recover(tick);
+        self.steps.recover(tick, false);
     }
 
     /// Steps taken now.
@@ -223,6 +229,28 @@ mod tests {
             }
         }
         assert_eq!((economy.steps(), economy.raised()), (2, 0));
+    }
+
+    #[test]
+    fn where_there_is_more_than_at_any_want_steps_go_back_one_after_the_other() {
+        let horizons = Horizons::new(1000.0).pressure;
+        let mut steps = Steps::new(horizons);
+        for k in 0..4 {
+            assert!(steps.want(k * (horizons.settle + 1)));
+            steps.step(k * (horizons.settle + 1));
+        }
+        let from = 3 * (horizons.settle + 1);
+        let mut waits = Vec::new();
+        let mut last = from;
+        for tick in from..from + 10 * horizons.settle {
+            let before = steps.count();
+            steps.recover(tick, true);
+            if steps.count() < before {
+                waits.push(tick - last);
+                last = tick;
+            }
+        }
+        assert_eq!(waits, vec![horizons.settle + 1; 4]);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use crate::tuning::lod::{
     MAX_WANTED,
 };
 use crate::work::TickWork;
-use spm::{OperationError, OperationFaces, Slot};
+use spm::{OperationError, Slot};
 
 /// The most work units that refinement may take a tick: operations, and closure entries gone
 /// through, of which [`CHANGES_PER_UNIT`] count as one where they change set, are unloaded or
@@ -67,17 +67,16 @@ impl Front {
         let cache = &self.cache;
         let is_kept = |region: &usize| cache.regions.get(*region).is_some_and(Region::is_resident);
         self.wanted.retain(is_kept);
-        let spent = self.update_wanted(tick, contacts, &mut budget.entries);
-        budget.charge_entries(spent);
-        self.step_geomorphs(tick, budget, contacts);
         let allowed_entries = budget.entries;
+        budget.go_through(|entries| self.update_wanted(tick, contacts, entries));
+        self.step_geomorphs(tick, budget, contacts);
         self.split_wanted(tick, budget, contacts);
         let cache = &self.cache;
         self.wanted.retain(|&region| {
             let region = cache.regions.get(region);
             region.is_some_and(|r| r.is_resident() && (r.wanted || r.changing > 0))
         });
-        let entries = spent + allowed_entries - budget.entries;
+        let entries = allowed_entries - budget.entries;
         self.stats.entries += entries;
         self.stats.work_units += entries + self.stats.vsplits;
         let backlog = self.cache.to_collapse() / self.horizons.collapse;
@@ -104,14 +103,15 @@ impl Front {
         for k in 0..self.queue.len() {
             let region = (self.queue[k] & 0xFFFF) as usize;
             while budget.has_operations() && budget.entries > 0 && self.stats.vsplits < allowed {
-                let Some(slot) = self.cache.next_split(region, &mut budget.entries) else {
+                let next = budget.go_through(|entries| self.cache.next_split(region, entries));
+                let Some(slot) = next else {
                     break;
                 };
                 let mut tried = self.try_split(slot, Folds::Wait, budget, contacts);
                 let has_to_wait = tried.as_ref().is_ok_and(|of| !of.is_performed());
                 if has_to_wait {
                     self.cache.defer_split(region);
-                    budget.entries = budget.entries.saturating_sub(ENTRIES_PER_WAIT);
+                    budget.go_through(|left| *left = left.saturating_sub(ENTRIES_PER_WAIT));
                     let is_looked_for = entries_behind > 0;
                     let none_comes =
                         self.split_behind(region, &mut entries_behind, budget, contacts);
@@ -136,7 +136,6 @@ impl Front {
         if !budget.has_operations() || budget.entries == 0 {
             self.stats.left = due.saturating_sub(self.stats.vsplits);
         }
-        self.faces.set_limit(OperationFaces::MAX_FACES);
     }
 
     /// Performs a split, unless it has to wait: how, or why not.
@@ -179,10 +178,10 @@ impl Front {
             self.cache.start_geomorphs(&self.faces);
         }
         contacts.carry(self.cache.mesh(), &self.faces);
-        if transition == Transition::Geomorph {
-            self.finish_small_geomorph(contacts);
-        }
         self.charge_operation(budget);
+        if transition == Transition::Geomorph {
+            self.finish_small_geomorph(budget, contacts);
+        }
         self.stats.vsplits += 1;
         Ok(())
     }
@@ -227,7 +226,8 @@ impl Front {
             none_comes &=
                 tried == Transition::Rejected || (tried == Transition::Deferred && !is_moving);
         }
-        budget.entries = budget.entries.saturating_sub(before - *entries);
+        let spent = before - *entries;
+        budget.go_through(|left| *left = left.saturating_sub(spent));
         none_comes
     }
 
@@ -257,9 +257,8 @@ impl Front {
     }
 
     /// Updates the wanted set: near regions in; out go regions that were left long enough ago, or
-    /// are finer than room and time allow. Returns the work units spent.
-    fn update_wanted(&mut self, tick: u64, contacts: &Contacts, entries: &mut u32) -> u32 {
-        let mut spent = 0;
+    /// are finer than room and time allow.
+    fn update_wanted(&mut self, tick: u64, contacts: &Contacts, entries: &mut u32) {
         let mut k = 0;
         let finest = self.finest_tolerance();
         let cell_ticks = self.cell_ticks(contacts);
@@ -270,7 +269,7 @@ impl Front {
             let stays = region.needed + hysteresis(region, finest, cell_ticks, times);
             let goes = tick > stays || self.is_too_fine(region);
             let wanted = region.wanted && !goes;
-            spent += self.change(index, wanted, entries);
+            self.change(index, wanted, entries);
             let region = self.cache.regions.at(index);
             if region.wanted || region.changing > 0 {
                 k += 1;
@@ -290,13 +289,12 @@ impl Front {
             if *entries == 0 || self.wanted.len() == MAX_WANTED {
                 break;
             }
-            spent += self.change(index, true, entries);
+            self.change(index, true, entries);
             self.wanted.push(index);
         }
         self.predictions.arrivals.clear();
         let wanted = self.wanted.len();
         self.wanted_high_water = self.wanted_high_water.max(wanted);
-        spent
     }
 
     /// Ticks of a round of the predictor.
@@ -305,16 +303,13 @@ impl Front {
     }
 
     /// Takes a resident region into the wanted set or out of it, as far as the entries allow.
-    /// Returns the work units spent.
-    fn change(&mut self, index: usize, wanted: bool, entries: &mut u32) -> u32 {
+    fn change(&mut self, index: usize, wanted: bool, entries: &mut u32) {
         if *entries == 0 {
-            return 0;
+            return;
         }
         let changed = self
             .cache
             .set_wanted(index, wanted, *entries * CHANGES_PER_UNIT);
-        let cost = changed.div_ceil(CHANGES_PER_UNIT);
-        *entries -= cost;
-        cost
+        *entries -= changed.div_ceil(CHANGES_PER_UNIT);
     }
 }

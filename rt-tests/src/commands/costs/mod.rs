@@ -113,7 +113,7 @@ fn governor_ns() -> f64 {
         let began = Instant::now();
         for tick in 0..BLOCK {
             governor.begin_tick(std::hint::black_box([1, 1]));
-            governor.end_queries(tick, std::hint::black_box(false));
+            governor.end_queries(tick, std::hint::black_box(false), true);
             governor.note_work(std::hint::black_box(2e5));
         }
         began.elapsed().as_nanos() as f64 / BLOCK as f64
