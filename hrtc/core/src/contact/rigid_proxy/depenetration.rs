@@ -54,6 +54,12 @@ impl ToolProxy {
         at.centre + at.orientation * self.shape.points[self.shape.anchor as usize]
     }
 
+    /// The normal of a face on the side of the anchor; zero for a face without one.
+    fn side_of_anchor(&self, [a, b, c]: [DVec3; 3]) -> DVec3 {
+        let normal = (b - a).cross(c - a).normalize_or_zero();
+        normal * normal.dot(self.anchor() - a).signum()
+    }
+
     /// Whether a way of the anchor to its place in the tool at a placement passes through no face:
     /// straight, or by the tool's centre here and there. `None` if the budget does not suffice.
     fn reaches(
@@ -179,8 +185,10 @@ impl ToolProxy {
     ) -> bool {
         let here = self.at;
         let normals = self.contacts.all().iter().map(|contact| contact.normal);
+        let held_by: DVec3 = normals.sum();
+        let held_by = held_by.try_normalize().unwrap_or(self.met_on);
         let offsets = [self.static_offset(), tried.moving_offset];
-        let escapes = mesh_change.escapes(offsets, normals.sum());
+        let escapes = mesh_change.escapes(offsets, held_by);
         for (count, escape) in escapes.enumerate().skip(tried.count) {
             let out = Placement {
                 centre: here.centre + escape,
@@ -245,8 +253,9 @@ impl ToolProxy {
             }
             answer.spent += TESTED;
             answer.work.faces += 1;
-            let face = &self.near.faces[pair.surface as usize];
-            if triangle_pair(face.corners, own).meets() {
+            let face = self.near.faces[pair.surface as usize].corners;
+            if triangle_pair(face, own).meets() {
+                self.met_on = self.side_of_anchor(face);
                 return Some(true);
             }
         }
@@ -284,6 +293,7 @@ impl ToolProxy {
             let (cost, is_all) = for_each_face_near(blocks, &path, corners, 0.0, limits, meets);
             answer.spent += cost;
             if is_met {
+                self.met_on = self.side_of_anchor(corners);
                 return Some(true);
             }
             if !is_all {

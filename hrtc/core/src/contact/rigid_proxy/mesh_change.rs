@@ -152,7 +152,8 @@ impl MeshChange {
 
     /// Displacements out of the surface on the side of the tool, the shortest first. `offset`:
     /// contact offset; `most`: motion of the surface in a tick if limited, else 0. `held_by`: the
-    /// direction in which the last contacts push, for changed faces that were no candidates.
+    /// direction in which the last contacts push, or else off the face that is met, for changed
+    /// faces that were no candidates.
     pub fn escapes(
         &self,
         [offset, most]: [f64; 2],

@@ -123,6 +123,8 @@ pub struct ToolProxy {
     carried_anchor: Option<DVec3>,
     /// Of a depenetration that takes several ticks.
     escapes_tried: Option<EscapesTried>,
+    /// The normal of the face that the tool was found to meet last, on the side of its anchor.
+    met_on: DVec3,
     at: Placement,
     goal: Placement,
     step_limit: StepLimit,
@@ -180,6 +182,7 @@ impl ToolProxy {
             state: State::Nowhere,
             carried_anchor: None,
             escapes_tried: None,
+            met_on: DVec3::ZERO,
             at: nowhere,
             goal: nowhere,
             step_limit: StepLimit::FREE,
