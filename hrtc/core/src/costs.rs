@@ -102,7 +102,7 @@ impl WorkCosts {
         }
     }
 
-    /// A split or collapse of a large fan.
+    /// A split or collapse that changes `LARGE_FACES`, nanoseconds.
     #[must_use]
     pub fn large_operation(&self) -> f64 {
         f64::from(OPERATION_FACES + LARGE_FACES) * self.face

@@ -446,7 +446,7 @@ mod tests {
         assert!(tool.contact_ns > 4.0 * ball.contact_ns && tool.operations < 96.0);
         let fast = need(4.0, 2.5e-4, [0, 1]);
         assert!(fast.contact_ns > fast.share_ns && fast.operations < tool.operations);
-        // A collapse has time in any tick, and few faces are the half of many.
+        // One collapse has time in any tick, as much as one or two usual splits take.
         let least = need(16.0, 2.5e-4, [4, 0]).operations;
         assert!((1.0..2.0).contains(&least), "{least}");
     }

@@ -84,8 +84,8 @@ pub mod governor {
     pub const MIN_SEARCH_UNITS: u32 = 8;
     /// Faces that a split or collapse changes on most meshes.
     pub const TYPICAL_FACES: u32 = 10;
-    /// Faces that hardly an operation on a usual mesh exceeds; one of so many has time in any tick.
-    pub const LARGE_FACES: u32 = 20;
+    /// Faces that an operation may always change: there is time for one collapse in any tick.
+    pub const LARGE_FACES: u32 = 2 * TYPICAL_FACES;
     /// Units of received data that a split needs: its record.
     pub const UNITS_PER_OPERATION: f64 = super::streaming::UNITS_PER_ITEM as f64;
     /// Part of a tick's time for refinement that received data may take, beside a question.

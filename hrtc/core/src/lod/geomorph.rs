@@ -148,9 +148,8 @@ impl Front {
         let mesh = self.cache.mesh();
         let of_sibling = sibling.map(|index| mesh.geomorphs()[index]);
         let [faces, others] = [&mut self.faces, &mut self.faces_of_sibling];
-        for faces in [&mut *faces, &mut *others] {
-            faces.set_limit(budget.faces as usize);
-        }
+        faces.set_limit(budget.faces as usize);
+        others.set_limit(budget.faces as usize);
         mesh.faces_around_geomorph(geomorph, faces)?;
         let mut around = faces.deformed().len();
         if let Some(other) = of_sibling {

@@ -11,4 +11,5 @@ pub(crate) mod session;
 pub mod subscriber;
 
 pub use fault::Fault;
-pub use outbox::{Outbox, turn_of};
+pub use outbox::Outbox;
+pub(crate) use outbox::turn_of;

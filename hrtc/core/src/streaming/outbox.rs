@@ -67,11 +67,12 @@ impl Outbox {
     }
 }
 
-/// The session of so many whose turn a tick is; `None` without any. In no order: predictions come
-/// in rounds of some ticks, so that a fixed order would leave the same part of each to the same
-/// session. Multiples of the golden ratio fall into every part of a range equally often.
+/// The one of so many sessions whose turn it is in a tick; `None` without any. The turns have no
+/// fixed order: predictions come in rounds of some ticks, and an order could give one session the
+/// same part of every round. Multiples of the golden ratio fall into every part of a range equally
+/// often (Fibonacci hashing).
 #[must_use]
-pub fn turn_of(tick: u64, sessions: usize) -> Option<u64> {
+pub(crate) fn turn_of(tick: u64, sessions: usize) -> Option<u64> {
     (tick.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32).checked_rem(sessions as u64)
 }
 

@@ -73,12 +73,12 @@ pub struct PairWork {
 
 impl PairWork {
     /// Cost of a face pair, in node pairs (measured).
-    pub const OF_FACE: u32 = 4;
+    pub const FACE_PAIR: u32 = 4;
 
     /// The cost in node pairs.
     #[must_use]
     pub fn cost(self) -> u32 {
-        self.node_pairs + Self::OF_FACE * self.faces
+        self.node_pairs + Self::FACE_PAIR * self.faces
     }
 
     /// Adds another query's cost.

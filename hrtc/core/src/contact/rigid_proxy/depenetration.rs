@@ -195,22 +195,20 @@ impl ToolProxy {
                 ..here
             };
             let path = here.to(&out);
-            let is_out = match self.reaches(surface, &out, budget, answer) {
-                Some(true) if self.near.tube.covers(&here, &path, 0.0) => self
-                    .meets_candidates(0, &out, budget, answer)
-                    .map(|is_met| !is_met),
-                Some(true) => self
-                    .meets(surface, &out, budget, answer)
-                    .map(|is_met| !is_met),
-                other => other,
+            let is_held = match self.reaches(surface, &out, budget, answer) {
+                Some(true) if self.near.tube.covers(&here, &path, 0.0) => {
+                    self.meets_candidates(0, &out, budget, answer)
+                }
+                Some(true) => self.meets(surface, &out, budget, answer),
+                other => other.map(|reaches| !reaches),
             };
-            match is_out {
-                Some(true) => {
+            match is_held {
+                Some(false) => {
                     self.near.spend(&out, &path, self.shape.radius);
                     self.come_out_at(&out);
                     return true;
                 }
-                Some(false) => {}
+                Some(true) => {}
                 None => {
                     self.escapes_tried = Some(EscapesTried { count, ..tried });
                     return false;

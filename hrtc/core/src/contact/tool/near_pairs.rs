@@ -178,18 +178,18 @@ fn for_each_near_face(
 }
 
 /// Calls `visit` with the tool's faces that may come within a distance of a face, until it returns
-/// false. Returns the cost in blocks, with what each face visited costs, and whether it stayed
-/// within the first limit; the second one is what a face costs.
+/// false or the cost would exceed `most` blocks; a face visited costs `of_face` of them. Returns
+/// the cost, and whether it stayed within that.
 pub(crate) fn for_each_face_near(
     tool: &Blocks,
     path: &RelativePath,
     corners: [DVec3; 3],
     distance: f64,
-    limits: [u32; 2],
+    [most, of_face]: [u32; 2],
     visit: impl FnMut(u32) -> bool,
 ) -> (u32, bool) {
-    let mut cost = FACE;
-    if cost > limits[0] {
+    let (mut cost, limits) = (FACE, [most, of_face]);
+    if cost > most {
         return (0, false);
     }
     let near = (&tool.whole(), Distance::new(distance));
@@ -203,7 +203,8 @@ pub(crate) fn for_each_face_near(
 ///
 /// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues
 /// with a smaller one. The search ends before its [`PairWork::cost`] exceeds the limit and returns
-/// where to continue: at a face of which a part may have been visited.
+/// where to continue: at a face of which a part may have been visited. A face that takes more than
+/// the whole limit is begun anew by each call: then the margin has to be smaller.
 pub(crate) fn for_each_near_pair(
     surface: &Surface<'_>,
     tool: &Blocks,
@@ -322,7 +323,7 @@ impl NearPairSearch<'_> {
         }
         let mut ending = None;
         let (mut cost, before) = (FACE, self.work.faces);
-        let limits = [left, PairWork::OF_FACE];
+        let limits = [left, PairWork::FACE_PAIR];
         let corners = self.surface.corners(face);
         let near = (near, self.distance);
         let (tool, path, count) = (self.tool, self.path, self.count as u32);
@@ -340,7 +341,7 @@ impl NearPairSearch<'_> {
                 }
                 ending.is_none()
             });
-        let looks = cost - PairWork::OF_FACE * (self.work.faces - before);
+        let looks = cost - PairWork::FACE_PAIR * (self.work.faces - before);
         self.work.node_pairs += looks;
         self.work.boxes += 8 * looks;
         if !is_all {

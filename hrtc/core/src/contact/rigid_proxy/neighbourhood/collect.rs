@@ -233,7 +233,7 @@ impl Neighbourhood {
             let mut candidate = CandidateFace::of(mesh, face);
             let corners = candidate.corners;
             let centres = ends.map(|at| at.centre);
-            let limits = [most.saturating_sub(work.cost()), PairWork::OF_FACE];
+            let limits = [most.saturating_sub(work.cost()), PairWork::FACE_PAIR];
             let (mut visited, mut has_room) = (0, true);
             let take = |own| {
                 visited += 1;
@@ -251,7 +251,7 @@ impl Neighbourhood {
             let (cost, is_all) =
                 for_each_face_near(&shape.blocks, &path, corners, within, limits, take);
             work.faces += visited;
-            work.node_pairs += cost - PairWork::OF_FACE * visited;
+            work.node_pairs += cost - PairWork::FACE_PAIR * visited;
             if !(has_room && is_all) {
                 return (None, work);
             }
