@@ -207,3 +207,27 @@ fn a_tip_on_a_large_fan_comes_along_at_a_small_budget() {
     // It lies on the cone, but for what the device is pressed into it.
     assert!(behind.x.abs() < 5e-4 && behind.z > -0.002, "{behind}");
 }
+
+/// A face of the surface with more of the tool near it than a tick may look at: the collection goes
+/// on within it, so that the tool arrives all the same.
+#[test]
+fn a_face_with_more_of_the_tool_near_than_a_tick_allows() {
+    const TICKS: u32 = 4000;
+    let plate = Front::of_mesh(&plate_mesh(PLATE, 1));
+    for (pieces, budget) in [(24, 600), (24, 3000), (50, 3000), (50, 12_000)] {
+        let mut hand = GuidedTool::new(plate_mesh(0.5 * LENGTH, pieces));
+        let aim = |tick: u32| {
+            let down = 1e-5 * f64::from(tick.min(250));
+            Pose::at(DVec3::Z * (0.002 - down))
+        };
+        let mut unfinished = 0;
+        for tick in 0..TICKS {
+            let (answer, _) = lead(&mut hand, &plate, &aim(tick), budget);
+            unfinished += u32::from(!answer.ending.is_complete());
+            assert!(!hand.meets(&plate), "tick {tick}");
+        }
+        let height = hand.proxy.pose().position.z;
+        println!("{pieces} pieces, {budget}: {unfinished} unfinished, ends at {height}");
+        assert!(height < 1e-4, "{pieces} pieces, {budget}: ends at {height}");
+    }
+}

@@ -34,6 +34,8 @@ pub(super) struct EscapesTried {
     count: usize,
     /// [`ToolProxy::moving_offset`] when they began: it decays, and they are as long as it was.
     moving_offset: f64,
+    /// The side on which the tool belongs, as known when they began.
+    side: DVec3,
 }
 
 impl ToolProxy {
@@ -165,12 +167,20 @@ impl ToolProxy {
                     Some(false) => EscapesTried {
                         count: 0,
                         moving_offset: self.moving_offset,
+                        side: self.side(),
                     },
                     None => return false,
                 }
             }
         };
         self.escape(surface, (mesh_change, tried), budget, answer)
+    }
+
+    /// The side on which the tool belongs: that of its contacts, else of the face that it meets.
+    fn side(&self) -> DVec3 {
+        let normals = self.contacts.all().iter().map(|contact| contact.normal);
+        let held_by: DVec3 = normals.sum();
+        held_by.try_normalize().unwrap_or(self.met_on)
     }
 
     /// Moves the tool, which meets the surface or is beyond it, out on its side: as far as needed,
@@ -184,11 +194,8 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
-        let normals = self.contacts.all().iter().map(|contact| contact.normal);
-        let held_by: DVec3 = normals.sum();
-        let held_by = held_by.try_normalize().unwrap_or(self.met_on);
         let offsets = [self.static_offset(), tried.moving_offset];
-        let escapes = mesh_change.escapes(offsets, held_by);
+        let escapes = mesh_change.escapes(offsets, tried.side);
         for (count, escape) in escapes.enumerate().skip(tried.count) {
             let out = Placement {
                 centre: here.centre + escape,

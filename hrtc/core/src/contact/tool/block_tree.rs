@@ -7,8 +7,9 @@ use glam::{DVec3, Vec3A, Vec4};
 
 /// Largest number of blocks on the highest level.
 const TOP: usize = 2;
-/// Boxes per block.
-pub(crate) const WIDTH: usize = 8;
+/// Boxes per block, and its logarithm.
+pub(crate) const WIDTH: usize = 1 << LOG_WIDTH;
+const LOG_WIDTH: usize = 3;
 /// Relative rounding error of comparisons in f32, with a margin.
 const ROUNDING: f64 = 64.0 * f32::EPSILON as f64;
 
@@ -344,25 +345,27 @@ impl Blocks {
     pub(crate) fn any(&self, near: &BoxWithin) -> bool {
         let mut found = false;
         let whole = (&self.whole(), || []);
-        self.faces(near, whole, &mut 0, [u32::MAX, 0], |_| {
+        self.faces(near, whole, 0, &mut 0, [u32::MAX, 0], |_| {
             found = true;
             false
         });
         found
     }
 
-    /// Calls `visit` with the faces of a set that may be near and inside all slabs, until it
-    /// returns false; adds the number of blocks tested, and what each face costs, to `cost`. False
-    /// if that would exceed `most`. The slabs are computed when a box is near.
+    /// Calls `visit` with the faces of a set that may be near and inside all slabs, in the order of
+    /// the tool's tree from the place `from` on, until it returns false; adds the number of blocks
+    /// tested, and what each face costs, to `cost`. If that would exceed `most`, returns the place
+    /// at which to continue. The slabs are computed when a box is near.
     #[inline]
     pub(crate) fn faces<const N: usize>(
         &self,
         near: &BoxWithin,
         (set, slabs): (&BlockSet, impl Fn() -> [Slab; N]),
+        from: u32,
         cost: &mut u32,
         [most, of_face]: [u32; 2],
         mut visit: impl FnMut(u32) -> bool,
-    ) -> bool {
+    ) -> Option<u32> {
         let mut waiting = [0u32; WAITING];
         let (mut count, mut made) = (set.count, None);
         for (entry, &block) in waiting.iter_mut().zip(set.all().iter().rev()) {
@@ -371,8 +374,13 @@ impl Blocks {
         while count > 0 {
             count -= 1;
             let (level, place) = level_and_place(waiting[count]);
+            let [first, end] =
+                [place, place + 1].map(|at| (at as u64) << (LOG_WIDTH * (level + 1)));
+            if end <= u64::from(from) {
+                continue;
+            }
             if *cost >= most {
-                return false;
+                return Some(from.max(first as u32));
             }
             *cost += 1;
             let block = &self.blocks[self.levels[level] + place];
@@ -387,25 +395,36 @@ impl Blocks {
                     slab.of_faces(&self.faces[place])
                 };
             }
-            while which != 0 {
-                let below = WIDTH * place + which.trailing_zeros() as usize;
-                which &= which - 1;
-                if level > 0 {
+            if level > 0 {
+                // The last first, so that the first is the next.
+                while which != 0 {
+                    let slot = which.ilog2();
+                    which ^= 1 << slot;
+                    let below = WIDTH * place + slot as usize;
                     if below < self.count_on(level - 1) {
                         waiting[count] = ((level - 1) << PLACE_BITS | below) as u32;
                         count += 1;
                     }
-                } else if let Some(&face) = self.order.get(below) {
+                }
+                continue;
+            }
+            while which != 0 {
+                let below = WIDTH * place + which.trailing_zeros() as usize;
+                which &= which - 1;
+                if below < from as usize {
+                    continue;
+                }
+                if let Some(&face) = self.order.get(below) {
                     if *cost + of_face > most {
-                        return false;
+                        return Some(below as u32);
                     }
                     *cost += of_face;
                     if !visit(face) {
-                        return true;
+                        return None;
                     }
                 }
             }
         }
-        true
+        None
     }
 }

@@ -12,7 +12,7 @@ use ab_tree::{Child, NodeId};
 use geometry::Aabb;
 use glam::{DMat3, DVec3, Mat3A, Vec3A};
 use mutants::{Mutant, is};
-use spm::Handle;
+use spm::{Handle, NONE};
 use std::ops::ControlFlow;
 
 /// The front's motion relative to the tool, first and last placement. In f32 relative to a point of
@@ -136,45 +136,55 @@ fn slabs([[a, b, c], ends]: [[Vec3A; 3]; 2], distance: &Distance, size: f32) -> 
 /// The point at which a search continues: everything before it in tree order was examined. It
 /// remains valid while the tree changes, except for the changes themselves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub(crate) struct Resume(u32);
+pub(crate) struct Resume {
+    leaf: u32,
+    /// The face at that leaf if part of it was examined, and the place in the tool's tree at which
+    /// it continues.
+    face: Handle,
+    place: u32,
+}
 
 impl Resume {
     /// The start of the tree.
-    pub(crate) const START: Self = Self(0);
+    pub(crate) const START: Self = Self::at(1);
 
     /// The first leaf below a key; keys of any depth are compared from their first bit.
-    pub(crate) fn at(key: u32) -> Self {
-        Self(key << key.leading_zeros())
+    const fn at(key: u32) -> Self {
+        Self {
+            leaf: key << key.leading_zeros(),
+            face: NONE,
+            place: 0,
+        }
     }
 
     /// Whether all leaves below a key are before this point.
     fn is_after(self, key: u32) -> bool {
         let free = key.leading_zeros();
         let last = u64::from(key) << free | ((1 << free) - 1);
-        last < u64::from(self.0)
+        last < u64::from(self.leaf)
     }
 }
 
-/// Calls `visit` with the tool's faces of a set that may come within a distance of a face, until it
-/// returns false; adds the blocks tested, and what each face costs, to `cost`. False if that would
-/// exceed `most`.
+/// Calls `visit` with the tool's faces of a set that may come within a distance of a face, from a
+/// place in the tool's tree on, until it returns false; adds the blocks tested, and what each face
+/// costs, to `cost`. If that would exceed `most`, returns the place at which to continue.
 #[inline]
 fn for_each_near_face(
     tool: &Blocks,
     path: &RelativePath,
     corners: [DVec3; 3],
-    (set, distance): (&BlockSet, Distance),
+    (set, distance, from): (&BlockSet, Distance, u32),
     cost: &mut u32,
     limits: [u32; 2],
     visit: impl FnMut(u32) -> bool,
-) -> bool {
+) -> Option<u32> {
     let [[a, p], [b, q], [c, r]] = corners.map(|p| path.point(p));
     let lower = a.min(b).min(c).min(p.min(q).min(r));
     let upper = a.max(b).max(c).max(p.max(q).max(r));
     let size = path.size + lower.abs().max(upper.abs()).max_element();
     let near = BoxWithin::new([lower, upper], size, &distance);
     let slabs = || slabs([[a, b, c], [p, q, r]], &distance, size + tool.extent());
-    tool.faces(&near, (set, slabs), cost, limits, visit)
+    tool.faces(&near, (set, slabs), from, cost, limits, visit)
 }
 
 /// Calls `visit` with the tool's faces that may come within a distance of a face, until it returns
@@ -192,9 +202,9 @@ pub(crate) fn for_each_face_near(
     if cost > most {
         return (0, false);
     }
-    let near = (&tool.whole(), Distance::new(distance));
-    let is_all = for_each_near_face(tool, path, corners, near, &mut cost, limits, visit);
-    (cost, is_all)
+    let near = (&tool.whole(), Distance::new(distance), 0);
+    let next = for_each_near_face(tool, path, corners, near, &mut cost, limits, visit);
+    (cost, next.is_none())
 }
 
 /// Calls `visit` with every face pair that comes within `margin` (units of the surface's frame)
@@ -203,8 +213,7 @@ pub(crate) fn for_each_face_near(
 ///
 /// `visit` breaks, or returns the margin from then on (not negative), so that a full list continues
 /// with a smaller one. The search ends before its [`PairWork::cost`] exceeds the limit and returns
-/// where to continue: at a face of which a part may have been visited. A face that takes more than
-/// the whole limit is begun anew by each call: then the margin has to be smaller.
+/// where to continue, so that no pair is visited twice.
 pub(crate) fn for_each_near_pair(
     surface: &Surface<'_>,
     tool: &Blocks,
@@ -238,15 +247,19 @@ pub(crate) fn for_each_near_pair(
         let left = budget.saturating_sub(search.work.cost());
         if search.min_cost(&entry) > left || limit.is_reached(search.work.cost()) {
             let unvisited = search.count as u32;
-            let next = Resume::at(search.key_of(entry.child));
+            let Resume { leaf, .. } = Resume::at(search.key_of(entry.child));
+            let next = Resume {
+                leaf,
+                ..search.resume
+            };
             return (Ending::OutOfBudget { unvisited }, search.work, next);
         }
         search.count -= 1;
         match entry.child {
             Child::Node(node) => search.open(node, &entry.near),
             Child::Face(face) => {
-                if let Some(ending) = search.visit_face(face, &entry.near, left, &mut visit) {
-                    let next = Resume::at(surface.tree.leaf_of(face));
+                let ending = search.visit_face(face, &entry.near, left, &mut visit);
+                if let Some((ending, next)) = ending {
                     return (ending, search.work, next);
                 }
             }
@@ -309,7 +322,8 @@ impl NearPairSearch<'_> {
     }
 
     /// Visits the faces of the tool near a face of the surface, at a cost of what is `left` at the
-    /// most, [`Self::min_cost`] at the least; the ending if the search ends here.
+    /// most, [`Self::min_cost`] at the least. The ending if the search ends here, and where to
+    /// continue.
     #[inline]
     fn visit_face(
         &mut self,
@@ -317,37 +331,47 @@ impl NearPairSearch<'_> {
         near: &BlockSet,
         left: u32,
         visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
-    ) -> Option<Ending> {
+    ) -> Option<(Ending, Resume)> {
         if is(Mutant::ToolPairs) && face % 2 == 1 {
             return None;
         }
-        let mut ending = None;
+        let mut is_stopped = false;
         let (mut cost, before) = (FACE, self.work.faces);
         let limits = [left, PairWork::FACE_PAIR];
         let corners = self.surface.corners(face);
-        let near = (near, self.distance);
-        let (tool, path, count) = (self.tool, self.path, self.count as u32);
-        let is_all =
-            for_each_near_face(tool, path, corners, near, &mut cost, limits, |tool_face| {
-                self.work.faces += 1;
-                match visit(face, tool_face) {
-                    ControlFlow::Continue(wanted) => {
-                        if wanted != self.margin {
-                            self.margin = wanted;
-                            self.distance = Distance::new(wanted);
-                        }
+        let from = if self.resume.face == face {
+            self.resume.place
+        } else {
+            0
+        };
+        let near = (near, self.distance, from);
+        let (tool, path) = (self.tool, self.path);
+        let place = for_each_near_face(tool, path, corners, near, &mut cost, limits, |tool_face| {
+            self.work.faces += 1;
+            match visit(face, tool_face) {
+                ControlFlow::Continue(wanted) => {
+                    if wanted != self.margin {
+                        self.margin = wanted;
+                        self.distance = Distance::new(wanted);
                     }
-                    ControlFlow::Break(()) => ending = Some(Ending::Stopped { unvisited: count }),
                 }
-                ending.is_none()
-            });
+                ControlFlow::Break(()) => is_stopped = true,
+            }
+            !is_stopped
+        });
         let looks = cost - PairWork::FACE_PAIR * (self.work.faces - before);
         self.work.node_pairs += looks;
         self.work.boxes += 8 * looks;
-        if !is_all {
-            let unvisited = count + 1;
-            ending = Some(Ending::OutOfBudget { unvisited });
+        let Resume { leaf, .. } = Resume::at(self.surface.tree.leaf_of(face));
+        let unvisited = self.count as u32;
+        match place {
+            _ if is_stopped => Some((Ending::Stopped { unvisited }, self.resume)),
+            Some(place) => {
+                let unvisited = unvisited + 1;
+                let next = Resume { leaf, face, place };
+                Some((Ending::OutOfBudget { unvisited }, next))
+            }
+            None => None,
         }
-        ending
     }
 }

@@ -45,7 +45,6 @@ impl Neighbourhood {
         // In the tool's frame straight paths are bent.
         let path = RelativePath::new(centres, [self.rotation, self.end_rotation]);
         let bend = tube.bend_seen(tube.straight_margin());
-        let mut of_this_face = 0;
         let (ending, mut work, resume) = for_each_near_pair(
             &surface,
             &shape.blocks,
@@ -63,10 +62,7 @@ impl Neighbourhood {
                 }
                 let candidate = match &mut candidate {
                     Some(candidate) if candidate.face == face => candidate,
-                    other => {
-                        of_this_face = self.pairs.len();
-                        other.insert(CandidateFace::of(surface.mesh, face))
-                    }
+                    other => other.insert(CandidateFace::of(surface.mesh, face)),
                 };
                 if let Some(gap) =
                     self.take(surface.mesh, shape, centres, candidate, tool_face, margin)
@@ -82,10 +78,7 @@ impl Neighbourhood {
             margin,
             resume,
         };
-        let leaf_of = |face: CandidateFace| surface.tree.leaf_of(face.face);
-        // A face visited again finds its pairs again.
-        let is_seen_again = candidate.is_some_and(|face| Resume::at(leaf_of(face)) == resume);
-        self.finish_collection(ending, partial, is_seen_again.then_some(of_this_face));
+        self.finish_collection(ending, partial);
         if ending == Ending::Complete && !self.changed_since.is_empty() {
             let left = limit.max_work().saturating_sub(work.cost());
             work.add(self.take_up_changes(surface, shape, left));
@@ -133,25 +126,13 @@ impl Neighbourhood {
         work
     }
 
-    /// Ends or interrupts a collection. `seen_again`: number of pairs before those of a face that
-    /// the next call visits again.
-    fn finish_collection(
-        &mut self,
-        ending: Ending,
-        partial: PartialCollection,
-        seen_again: Option<usize>,
-    ) {
+    /// Ends or interrupts a collection.
+    fn finish_collection(&mut self, ending: Ending, partial: PartialCollection) {
         self.high_water = self.high_water.max(self.pairs.len());
         self.tube = LookAheadTube::nowhere();
         match ending {
             Ending::Complete => self.tube = partial.tube.narrowed(partial.margin),
-            Ending::OutOfBudget { .. } => {
-                if let Some(count) = seen_again {
-                    self.pairs.truncate(count);
-                    self.clear_until.truncate(count);
-                }
-                self.partial = Some(partial);
-            }
+            Ending::OutOfBudget { .. } => self.partial = Some(partial),
             Ending::Stopped { .. } => {}
         }
     }
