@@ -42,7 +42,9 @@ pub use box_pair::{BoxBound, BoxPair, BoxQuery, Within};
 pub use four_triangles::FourDistances;
 pub use pose::{Pose, Wrench};
 pub use predicates::{side_of_plane, triangle_is_degenerate};
-pub use segment::{ClosestPair, closest_points_of_segment_and_triangle};
+pub use segment::{
+    ClosestPair, closest_points_of_segment_and_triangle, closest_points_of_segments,
+};
 pub use similarity::{Similarity, widened};
 pub use triangle::{
     ClosestPoint, closest_point_on_segment, closest_point_on_triangle, solid_angle,

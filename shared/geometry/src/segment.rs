@@ -82,6 +82,17 @@ pub(super) fn closest_inner_points(p: [DVec3; 2], q: [DVec3; 2]) -> Option<Close
     Some(ClosestPair::between(on_p, foot(q, on_p)))
 }
 
+/// The closest points of two segments: inner points, or an end and its foot.
+#[must_use]
+pub fn closest_points_of_segments(p: [DVec3; 2], q: [DVec3; 2]) -> ClosestPair {
+    let mut best = closest_inner_points(p, q).unwrap_or(ClosestPair::NONE);
+    for k in 0..2 {
+        best.keep_nearer(ClosestPair::between(p[k], foot(q, p[k])));
+        best.keep_nearer(ClosestPair::between(foot(p, q[k]), q[k]));
+    }
+    best
+}
+
 /// The closest points of a segment and a triangle; distance 0 exactly where they share a point.
 #[must_use]
 pub fn closest_points_of_segment_and_triangle(

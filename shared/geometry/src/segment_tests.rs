@@ -42,18 +42,6 @@ fn alternating(
     least
 }
 
-/// The closest points of two segments: inner points, or an end and its foot.
-fn closest_points_of_segments(p: [DVec3; 2], q: [DVec3; 2]) -> ClosestPair {
-    let mut best = closest_inner_points(p, q).unwrap_or(ClosestPair::NONE);
-    for end in p {
-        best.keep_nearer(ClosestPair::between(end, foot(q, end)));
-    }
-    for end in q {
-        best.keep_nearer(ClosestPair::between(foot(p, end), end));
-    }
-    best
-}
-
 proptest! {
     #[test]
     fn segments_are_as_near_as_parry_finds_and_as_any_sample(

@@ -16,7 +16,8 @@ mod topology;
 use crate::history::{Collapse, FanFace, History, LeftFace, MAX_FACES_ROUND_A_VERTEX, Made, Round};
 use crate::manifold::ManifoldMesh;
 use crate::model_error::{
-    Descendants, ExpectedErrors, Fronts, close_bounds, descendant_radius, quarter_bounds, rounding,
+    Descendants, ExpectedErrors, Fronts, LargeFace, Patches, candidates, close_bounds,
+    descendant_radius, quarter_bounds,
 };
 use crate::progress::Progress;
 use crate::tuning::simplify::{
@@ -93,11 +94,13 @@ pub fn simplify(
     progress.phase("bounding errors", history.full_vertices.into());
     let descendants = Descendants::new(&history);
     history.radius = descendant_radius(&history, &descendants);
-    let rounding = rounding(&history);
     let fronts = Fronts::new(&history);
-    let of = (&descendants, &fronts);
-    history.close = close_bounds(&history, &full, of, rounding, progress);
-    history.quarters = quarter_bounds(&history, &full, &fronts, scale, rounding);
+    let patches = Patches::new(&history, &full, (&descendants, &fronts));
+    let candidates = candidates(&patches, scale);
+    let large: Vec<LargeFace> = candidates.iter().map(|of| of.large).collect();
+    let (close, parts) = close_bounds(&patches, &large, progress);
+    let quarters = quarter_bounds(&patches, &close, &candidates, &parts);
+    (history.close, history.quarters) = (close, quarters);
     history
 }
 

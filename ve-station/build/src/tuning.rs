@@ -112,25 +112,20 @@ pub mod close {
     /// has about as many as its corners have descendants; what has far more has leaked.)
     pub const PATCH: (usize, usize) = (64, 2);
     /// Faces of the full mesh that one task takes through all fronts: their edges are traced once.
-    pub const FACES_A_TASK: usize = 2048;
+    pub const FACES_A_TASK: usize = 512;
 }
 
 /// The bounds of the quarters of faces.
 pub mod quarters {
-    /// The largest bound over what is found at points, squared, at which a search ends: half an
-    /// octave. A quarter of one takes up to a tenth more of a build, for 0.1 in 2.8 (`rt-tests
-    /// accuracy`, bunny20k).
-    pub const GOOD: f64 = 2.0;
-    /// The most pieces that a quarter's search looks at or cuts: most need ten to thirty, those
-    /// along a shore hundreds.
-    pub const PIECES: usize = 1024;
-    /// Faces of the full mesh for each face whose quarters get bounds: a table of 12 B each is 2 %
+    /// Faces of the full mesh for each face whose quarters get bounds: a table of 12 B each is 4 %
     /// of the file.
-    pub const FACES_A_BOUND: usize = 8;
-    /// Faces of which points are looked at for each that gets bounds: ten give the same figures.
-    pub const LARGE: usize = 4;
-    /// Rounds in which they are chosen: as often as a face may be cut.
-    pub const ROUNDS: usize = 3;
+    pub const FACES_A_BOUND: usize = 4;
+    /// Faces whose parts get bounds for each that gets into the table: four give the same figures.
+    pub const LARGE: usize = 2;
+    /// Times that a face is cut in four: a third one takes a fifth more of a build and gives the
+    /// same figures (`rt-tests accuracy`, cow, fandisk, bunny20k, dragon25k).
+    pub const DEPTH: u32 = 2;
+    const _: () = assert!(DEPTH <= spm::QuarteredFace::MAX_DEPTH);
     /// One in so many splits is left in the finest front that is looked at: in finer ones the faces
     /// are small, and their corners say enough.
     pub const LEFT: usize = 16;
@@ -138,6 +133,4 @@ pub mod quarters {
     pub const MAX_OCTAVES: f64 = 4.0;
     /// Faces that one task goes through.
     pub const FACES_A_TASK: usize = 4096;
-    /// The least part of a piece's width that is cut off: far above rounding.
-    pub const MIN_CUT: f64 = 1e-6;
 }

@@ -2,119 +2,173 @@
 //!
 //! The bound of a face by its corners is that of the worst face at each of them. A contact may
 //! touch any place, and the tolerance may be of any octave. So the gain of bounds of its own is the
-//! area of a face, times the octaves by which they may be less, times the root of those of the dial
-//! for which the face is as it is. (In proportion to these, faces of the base mesh take all room:
-//! `rt-tests accuracy` has 7.8 for 5.1 on `terrain257` at 0.3 mm, 3.6 for 2.6 on fandisk at 0.1.)
-//! Bounds take time to find: distances of four points stand for them. The faces with the greatest
-//! gains get some, in rounds: a quarter of such a face is like a face, and may get bounds of its
-//! own quarters in a later one.
+//! area of each quarter, times the octaves by which its bound is less, times the root of those of
+//! the dial for which the face is as it is. (In proportion to these, faces of the base mesh take
+//! all room: `rt-tests accuracy` has 7.8 for 5.1 on `terrain257` at 0.3 mm, 3.6 for 2.6 on fandisk
+//! at 0.1.) The greatest gains get into the table, one by one: a quarter of a face that got bounds
+//! is like a face, and may get bounds of its own quarters.
 
-use super::fronts::Fronts;
-use super::full_surface::FullSurface;
-use super::quarters::quarters_of;
+use super::close::{LargeFace, PartBounds, Patches};
 use crate::history::{History, QuarterBounds};
-use crate::tuning::quarters::{
-    FACES_A_BOUND, FACES_A_TASK, GOOD, LARGE, LEFT, MAX_OCTAVES, ROUNDS,
-};
+use crate::tuning::quarters::{DEPTH, FACES_A_BOUND, FACES_A_TASK, LARGE, LEFT, MAX_OCTAVES};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE, QuarteredFace};
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use std::ops::Range;
 
-/// A face of fronts {E > t}, or a part of it, that may get bounds of its quarters.
+/// A face of fronts {E > t} whose quarters may get bounds.
 #[derive(Debug, Clone, Copy)]
-struct Candidate {
-    /// Its number in the full mesh.
-    face: u32,
+pub struct Candidate {
+    /// What its parts are found by.
+    pub large: LargeFace,
     /// The first code of t for which its corners are others; `u16::MAX` in the base mesh.
     end: u16,
-    part: u16,
-    depth: u32,
-    /// Where its corners are, counterclockwise, in the order of the file.
-    corners: [DVec3; 3],
-    /// The bound that it has without, model units.
-    bound: f64,
+    /// Counterclockwise.
+    corners: [u32; 3],
     /// Area times the root of the codes of the dial for which it is as it is.
     weight: f64,
-    /// What bounds of its own may tell: that times octaves.
-    gain: f64,
 }
 
-/// A face of fronts {E > t} with a large weight.
-#[derive(Debug, Clone, Copy)]
-struct Large {
+/// A candidate with its bounds.
+struct Bounded<'a> {
     face: u32,
-    begin: u16,
     end: u16,
-    corners: [u32; 3],
+    /// The bound that it has without, model units.
+    bound: f64,
     weight: f64,
+    parts: &'a PartBounds,
 }
 
-/// Bounds of the quarters of the faces of a history that get some, ascending. `rounding`: what
-/// differences of coordinates lose, model units.
-pub fn quarter_bounds(
-    history: &History,
-    full: &FullSurface<'_>,
-    fronts: &Fronts,
-    scale: ErrorScale,
-    rounding: f64,
-) -> Vec<QuarterBounds> {
+/// A part of a candidate that may be cut in four.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Part {
+    /// What that tells, as ordered bits.
+    gain: u64,
+    /// Of equal gains the first.
+    key: Reverse<(u32, u16, u16)>,
+    candidate: usize,
+    depth: u32,
+    /// Among the parts of this depth.
+    place: usize,
+}
+
+/// The candidates of a history, ascending by face and code: those with the largest weights.
+pub fn candidates(patches: &Patches<'_>, scale: ErrorScale) -> Vec<Candidate> {
+    let triangles = patches.full().triangles();
     let choice = Choice {
-        history,
-        full,
-        fronts,
-        tolerances: tolerances(history, scale),
+        patches,
+        tolerances: tolerances(patches.history(), scale),
+        first_corners: first_corners(patches.history(), triangles.len()),
     };
-    let most = (full.triangles().len() / FACES_A_BOUND).min(QuarteredFace::MAX as usize);
-    let mut waiting = choice.candidates(LARGE * most);
-    let mut found: Vec<QuarterBounds> = Vec::with_capacity(most);
-    for round in 0..ROUNDS {
-        let room = (most - found.len()) / (ROUNDS - round);
-        let chosen = take(&mut waiting, room);
-        let bounds = chosen.par_iter().map(|of| {
-            let bounds = quarters_of(full, of.face, of.corners, of.bound, rounding);
-            (of, bounds)
-        });
-        let says_more = |&(of, bounds): &(&Candidate, [f64; 4])| {
-            let less = |&bound: &f64| bound.powi(2) * GOOD < of.bound.powi(2);
-            bounds.iter().any(less)
-        };
-        let bounds: Vec<_> = bounds.filter(says_more).collect();
-        let parts = bounds
-            .par_iter()
-            .filter(|(of, _)| of.depth + 1 < QuarteredFace::MAX_DEPTH);
-        waiting.par_extend(parts.flat_map_iter(|&(of, bounds)| choice.parts(of, bounds)));
-        found.extend(bounds.iter().map(|&(of, bounds)| QuarterBounds {
-            face: of.face,
+    let most = LARGE * most_bounds(patches);
+    let tasks = triangles.par_chunks(FACES_A_TASK).enumerate();
+    let mut all: Vec<Candidate> = tasks
+        .flat_map_iter(|(task, corners)| {
+            let mut found = Vec::new();
+            let first = (task * FACES_A_TASK) as u32;
+            for (face, &corners) in (first..).zip(corners) {
+                choice.add(face, corners, &mut found);
+            }
+            keep(&mut found, most);
+            found
+        })
+        .collect();
+    keep(&mut all, most);
+    all.sort_unstable_by_key(|of| (of.large.face, of.large.begin));
+    for of in &mut all {
+        of.large.first = choice.first(of);
+    }
+    all
+}
+
+/// The most faces whose quarters get bounds.
+fn most_bounds(patches: &Patches<'_>) -> usize {
+    let faces = patches.full().triangles().len();
+    (faces / FACES_A_BOUND).min(QuarteredFace::MAX as usize)
+}
+
+/// Bounds of the quarters of the candidates that get some, given C of all vertices and the bounds
+/// of the candidates' parts. The same for any number of threads.
+pub fn quarter_bounds(
+    patches: &Patches<'_>,
+    close: &[f64],
+    candidates: &[Candidate],
+    parts: &[Option<PartBounds>],
+) -> Vec<QuarterBounds> {
+    let most = most_bounds(patches);
+    let bounded = candidates.iter().zip(parts).filter_map(|(of, parts)| {
+        Some(Bounded {
+            face: of.large.face,
             end: of.end,
-            part: of.part,
-            bounds,
-        }));
+            bound: bound(patches, close, of),
+            weight: of.weight,
+            parts: parts.as_ref()?,
+        })
+    });
+    let candidates: Vec<Bounded<'_>> = bounded.collect();
+    let whole = (0..candidates.len()).map(|of| part(&candidates, of, 0, 0));
+    let mut waiting: BinaryHeap<Part> = whole.collect();
+    let mut found = Vec::with_capacity(most);
+    while found.len() < most
+        && let Some(greatest) = waiting.pop().filter(|part| part.gain > 0)
+    {
+        let Part {
+            candidate,
+            depth,
+            place,
+            key: Reverse((face, end, part_number)),
+            ..
+        } = greatest;
+        found.push(QuarterBounds {
+            face,
+            end,
+            part: part_number,
+            bounds: candidates[candidate].parts.quarters(depth, place),
+        });
+        if depth + 1 < DEPTH {
+            let quarters = (0..4).map(|k| part(&candidates, candidate, depth + 1, 4 * place + k));
+            waiting.extend(quarters);
+        }
     }
     found
 }
 
-/// Takes the greatest gains out.
-fn take(waiting: &mut Vec<Candidate>, most: usize) -> Vec<Candidate> {
-    let key = |c: &Candidate| (c.face, c.end, c.part);
-    let order = |a: &Candidate, b: &Candidate| {
-        let by_gain = b.gain.total_cmp(&a.gain);
-        by_gain.then_with(|| key(a).cmp(&key(b)))
-    };
-    waiting.retain(|candidate| candidate.gain > 0.0);
-    let most = most.min(waiting.len());
-    if (1..waiting.len()).contains(&most) {
-        waiting.select_nth_unstable_by(most, order);
+/// A part of a candidate with its gain.
+fn part(candidates: &[Bounded<'_>], of: usize, depth: u32, place: usize) -> Part {
+    let candidate = &candidates[of];
+    let number = (0..depth).rev().fold(0, |number, level| {
+        QuarteredFace::part_of(number, (place >> (2 * level)) % 4)
+    });
+    Part {
+        gain: candidate.gain(depth, place).to_bits(),
+        key: Reverse((candidate.face, candidate.end, number)),
+        candidate: of,
+        depth,
+        place,
     }
-    waiting.drain(..most).collect()
+}
+
+impl Bounded<'_> {
+    /// What bounds of the quarters of a part tell, when the parts that hold it have theirs.
+    fn gain(&self, depth: u32, place: usize) -> f64 {
+        let without = match depth {
+            0 => self.bound,
+            _ => self.parts.quarters(depth - 1, place / 4)[place % 4].min(self.bound),
+        };
+        let octaves = |bound: f64| (without / bound).log2().clamp(0.0, MAX_OCTAVES);
+        let quarters = self.parts.quarters(depth, place).map(octaves);
+        self.weight * quarters.iter().sum::<f64>() / f64::from(1 << (2 * (depth + 1)))
+    }
 }
 
 /// Keeps the largest weights.
-fn keep(all: &mut Vec<Large>, most: usize) {
+fn keep(all: &mut Vec<Candidate>, most: usize) {
     if (1..all.len()).contains(&most) {
         all.select_nth_unstable_by(most, |a, b| {
             let by_weight = b.weight.total_cmp(&a.weight);
-            by_weight.then_with(|| (a.face, a.end).cmp(&(b.face, b.end)))
+            by_weight.then_with(|| (a.large.face, a.end).cmp(&(b.large.face, b.end)))
         });
     }
     all.truncate(most);
@@ -149,125 +203,53 @@ fn first_corners(history: &History, faces: usize) -> Vec<u32> {
     first
 }
 
+/// What a face says without bounds of its own, by its corners, model units.
+fn bound(patches: &Patches<'_>, close: &[f64], of: &Candidate) -> f64 {
+    let growth = |v: u32| patches.fronts().growth(v, of.large.begin);
+    let close = |v: u32| close[v as usize] * growth(v);
+    let radius = patches.radius(of.corners);
+    of.corners.map(close).into_iter().fold(radius, f64::min)
+}
+
 struct Choice<'a> {
-    history: &'a History,
-    full: &'a FullSurface<'a>,
-    fronts: &'a Fronts,
+    patches: &'a Patches<'a>,
     tolerances: Range<u32>,
+    first_corners: Vec<u32>,
 }
 
 impl Choice<'_> {
-    /// The faces of the largest weights of which bounds of their own tell something.
-    fn candidates(&self, most: usize) -> Vec<Candidate> {
-        let triangles = self.full.triangles();
-        let tasks = triangles.par_chunks(FACES_A_TASK).enumerate();
-        let mut large: Vec<Large> = tasks
-            .flat_map_iter(|(task, corners)| {
-                let mut found = Vec::new();
-                let first = (task * FACES_A_TASK) as u32;
-                for (face, &corners) in (first..).zip(corners) {
-                    self.add(face, corners, &mut found);
-                }
-                keep(&mut found, most);
-                found
-            })
-            .collect();
-        keep(&mut large, most);
-        let first = first_corners(self.history, triangles.len());
-        let candidate = |large: &Large| self.candidate(large, first[large.face as usize]);
-        large
-            .par_iter()
-            .map(candidate)
-            .filter(|of| of.gain > 0.0)
-            .collect()
-    }
-
     /// Adds what a face of the full mesh is in the fronts of the dial.
-    fn add(&self, face: u32, corners: [u32; 3], found: &mut Vec<Large>) {
-        self.fronts
-            .for_each_corners(corners, |corners, begin, end| {
-                let codes = begin.max(self.tolerances.start)..end.min(self.tolerances.end);
-                let is_coarse = corners.iter().any(|&v| v >= self.history.full_vertices);
-                if !codes.is_empty() && is_coarse {
-                    let [a, b, c] = corners.map(|v| self.at(v));
-                    found.push(Large {
+    fn add(&self, face: u32, corners: [u32; 3], found: &mut Vec<Candidate>) {
+        let full_vertices = self.patches.history().full_vertices;
+        let fronts = self.patches.fronts();
+        fronts.for_each_corners(corners, |corners, begin, end| {
+            let codes = begin.max(self.tolerances.start)..end.min(self.tolerances.end);
+            let is_coarse = corners.iter().any(|&v| v >= full_vertices);
+            if !codes.is_empty() && is_coarse {
+                let [a, b, c] = corners.map(|v| self.at(v));
+                found.push(Candidate {
+                    large: LargeFace {
                         face,
                         begin: begin as u16,
-                        end: end.min(u16::MAX.into()) as u16,
-                        corners,
-                        weight: (b - a).cross(c - a).length() * (codes.len() as f64).sqrt(),
-                    });
-                }
-            });
+                        first: 0,
+                    },
+                    end: end.min(u16::MAX.into()) as u16,
+                    corners,
+                    weight: (b - a).cross(c - a).length() * (codes.len() as f64).sqrt(),
+                });
+            }
+        });
     }
 
-    fn candidate(&self, of: &Large, first: u32) -> Candidate {
-        let mut corners = of.corners;
-        let place = corners.iter().position(|&v| self.fronts.descends(v, first));
-        corners.rotate_left(place.unwrap_or(0));
-        self.weighed(Candidate {
-            face: of.face,
-            end: of.end,
-            part: 0,
-            depth: 0,
-            corners: corners.map(|v| self.at(v)),
-            bound: self.bound(corners, of.begin),
-            weight: of.weight,
-            gain: 0.0,
-        })
-    }
-
-    /// The quarters of a candidate that has got these bounds.
-    fn parts(&self, of: &Candidate, bounds: [f64; 4]) -> impl Iterator<Item = Candidate> + use<'_> {
-        let of = *of;
-        (0..4).zip(quarters(of.corners)).map(move |(k, corners)| {
-            self.weighed(Candidate {
-                part: QuarteredFace::part_of(of.part, k),
-                depth: of.depth + 1,
-                corners,
-                bound: bounds[k].min(of.bound),
-                weight: of.weight / 4.0,
-                ..of
-            })
-        })
-    }
-
-    /// A candidate with its gain: by the farthest of the middles of its quarters.
-    fn weighed(&self, mut of: Candidate) -> Candidate {
-        let mut far = (of.bound * (-MAX_OCTAVES).exp2()).powi(2);
-        for [a, b, c] in quarters(of.corners) {
-            let middle = (a + b + c) / 3.0;
-            let found = self.full.nearest(middle, of.face, far);
-            far = far.max(found.distance_squared);
-        }
-        let octaves = (of.bound.powi(2) / far).log2().max(0.0) / 2.0;
-        of.gain = if octaves.is_finite() {
-            of.weight * octaves
-        } else {
-            0.0
-        };
-        of
+    /// The place of the corner that comes first in the file.
+    fn first(&self, of: &Candidate) -> usize {
+        let first = self.first_corners[of.large.face as usize];
+        let fronts = self.patches.fronts();
+        let place = of.corners.iter().position(|&v| fronts.descends(v, first));
+        place.unwrap_or(0)
     }
 
     fn at(&self, vertex: u32) -> DVec3 {
-        Vec3::from_array(self.history.positions[vertex as usize]).as_dvec3()
+        Vec3::from_array(self.patches.history().positions[vertex as usize]).as_dvec3()
     }
-
-    /// What the corners of a face say that begins at this code, model units.
-    fn bound(&self, corners: [u32; 3], begin: u16) -> f64 {
-        let history = self.history;
-        let radius = |v: u32| {
-            let made = v.checked_sub(history.full_vertices);
-            made.map_or(0.0, |made| history.radius[made as usize])
-        };
-        let close = |v: u32| history.close[v as usize] * self.fronts.growth(v, begin);
-        let radius = corners.map(radius).into_iter().fold(0.0, f64::max);
-        corners.map(close).into_iter().fold(radius, f64::min)
-    }
-}
-
-/// The quarters of a triangle, in the order of [`spm::QuarterCodes`].
-pub fn quarters([a, b, c]: [DVec3; 3]) -> [[DVec3; 3]; 4] {
-    let [ab, bc, ca] = [(a + b) * 0.5, (b + c) * 0.5, (c + a) * 0.5];
-    [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]
 }

@@ -1,9 +1,8 @@
 //! The patch of a coarse face: the part of the full mesh that the traces of its edges enclose.
 
 use super::super::full_surface::FullSurface;
+use super::plane::{Plane, Seen};
 use super::trace::Crossing;
-use geometry::closest_point_on_triangle;
-use glam::DVec3;
 use spm::NONE;
 
 /// The vertices beside each vertex of the full mesh. Memory: 4 B a vertex, 12 B a face.
@@ -57,7 +56,8 @@ pub struct Search {
     number: u32,
     /// Sides that the traces cross: the end inside, and the one outside.
     crossed: Vec<Crossing>,
-    found: Vec<u32>,
+    /// What is inside, with how it is seen from the face.
+    found: Vec<(u32, Seen)>,
 }
 
 impl Search {
@@ -95,8 +95,8 @@ impl Search {
         }
     }
 
-    /// The largest squared distance of a vertex of the patch from the face; `None` when the traces
-    /// enclose no patch of at most `limit` vertices.
+    /// The largest distance of a vertex of the patch from a face; `None` when the traces enclose no
+    /// patch of at most `limit` vertices.
     ///
     /// A vertex is inside once or not at all, so that each side with one end inside is crossed, and
     /// outwards, and no other side is.
@@ -104,7 +104,7 @@ impl Search {
         &mut self,
         rings: &Rings,
         full: &FullSurface<'_>,
-        corners: [DVec3; 3],
+        plane: &Plane,
         limit: usize,
     ) -> Option<f64> {
         self.begin_search();
@@ -113,7 +113,7 @@ impl Search {
             let (inside, outside) = self.crossed[k];
             self.at_crossing[inside as usize] = self.number;
             self.at_crossing[outside as usize] = self.number;
-            self.take(inside);
+            self.take(inside, full, plane);
         }
         let number = self.number;
         if self
@@ -125,10 +125,9 @@ impl Search {
         }
         let mut most = 0.0_f64;
         let (mut next, mut outwards) = (0, 0);
-        while let Some(&vertex) = self.found.get(next) {
+        while let Some(&(vertex, seen)) = self.found.get(next) {
             next += 1;
-            let found = closest_point_on_triangle(corners, full.position(vertex));
-            most = most.max(found.distance_squared);
+            most = most.max(seen.away);
             for &beside in rings.of(vertex) {
                 if self.inside[beside as usize] == number {
                     continue;
@@ -142,7 +141,7 @@ impl Search {
                     outwards += 1;
                     continue;
                 }
-                self.take(beside);
+                self.take(beside, full, plane);
             }
             if self.found.len() > limit {
                 return None;
@@ -150,6 +149,16 @@ impl Search {
         }
         // Fewer where one is crossed twice.
         (outwards == self.crossed.len()).then_some(most)
+    }
+
+    /// The vertices inside that the last search found, as they are seen from the face.
+    pub fn inside(&self) -> &[(u32, Seen)] {
+        &self.found
+    }
+
+    /// Whether the last search found a vertex inside.
+    pub fn holds(&self, vertex: u32) -> bool {
+        self.inside[vertex as usize] == self.number
     }
 
     fn begin_search(&mut self) {
@@ -162,10 +171,10 @@ impl Search {
         self.number += 1;
     }
 
-    fn take(&mut self, vertex: u32) {
+    fn take(&mut self, vertex: u32, full: &FullSurface<'_>, plane: &Plane) {
         if self.inside[vertex as usize] != self.number {
             self.inside[vertex as usize] = self.number;
-            self.found.push(vertex);
+            self.found.push((vertex, plane.see(full.position(vertex))));
         }
     }
 }

@@ -148,7 +148,7 @@ fn a_detour_leads_from_foot_to_foot_and_strays_no_farther_than_a_plane() {
     let feet = feet(&history, &full, &boundary, &descendants);
     let traces = Traces {
         full: &full,
-        boundary: &boundary,
+        boundary,
         descendants: &descendants,
     };
     let at = |v: u32| Vec3::from_array(history.positions[v as usize]).as_dvec3();
@@ -159,16 +159,15 @@ fn a_detour_leads_from_foot_to_foot_and_strays_no_farther_than_a_plane() {
             at: [at(a), at(b)],
             feet: [a, b].map(|v| &feet[v as usize]),
         };
-        let (mut around, mut straight) = (Vec::new(), Vec::new());
+        let (mut around, mut straight) = (Paths::default(), Paths::default());
         let limit = edge.at[0].distance_squared(edge.at[1]);
         let detour = traces.detour(&edge, limit, &mut around).expect("a way");
         if let Some(plane) = traces.trace(&edge, limit, &mut straight) {
-            // The nearest points of sides are found to a thousandth of the side.
-            assert!(detour <= plane * 1.1, "{detour} beyond {plane}");
+            assert!(detour <= plane * (1.0 + 1e-9), "{detour} beyond {plane}");
             nearer += u32::from(detour < plane);
         }
         let mut face = edge.feet[0].face;
-        for (left, right) in around {
+        for (left, right) in around.crossings {
             let corners = full.triangles()[face as usize];
             let side =
                 (0..3).find(|&k| [corners[(k + 1) % 3], corners[(k + 2) % 3]] == [right, left]);

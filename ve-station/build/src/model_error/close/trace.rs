@@ -19,10 +19,47 @@ use spm::NONE;
 /// A side of the full mesh that a trace crosses: the ends left and right of the path.
 pub type Crossing = (u32, u32);
 
+/// Traces, one after the other.
+#[derive(Debug, Default)]
+pub struct Paths {
+    /// The sides that they cross.
+    pub crossings: Vec<Crossing>,
+    /// Their corners, each with the face that holds the path to the next one; [`NONE`] at the last.
+    pub corners: Vec<(DVec3, u32)>,
+}
+
+/// An end of a path.
+type Mark = [usize; 2];
+
+impl Paths {
+    pub fn mark(&self) -> Mark {
+        [self.crossings.len(), self.corners.len()]
+    }
+
+    fn truncate(&mut self, [crossings, corners]: Mark) {
+        self.crossings.truncate(crossings);
+        self.corners.truncate(corners);
+    }
+
+    fn drop_between(&mut self, first: Mark, last: Mark) {
+        self.crossings.drain(first[0]..last[0]);
+        self.corners.drain(first[1]..last[1]);
+    }
+
+    /// The path goes on from a corner through a face.
+    pub fn go_on(&mut self, corner: DVec3, face: u32) {
+        self.corners.push((corner, face));
+    }
+
+    pub fn arrive(&mut self, corner: DVec3) {
+        self.corners.push((corner, NONE));
+    }
+}
+
 /// What traces are made of.
 pub struct Traces<'a> {
     pub full: &'a FullSurface<'a>,
-    pub boundary: &'a Boundary,
+    pub boundary: Boundary,
     pub descendants: &'a Descendants,
 }
 
@@ -72,10 +109,18 @@ impl Step {
 }
 
 impl Traces<'_> {
-    /// Traces an edge: adds its crossings and returns the largest squared distance of the path from
-    /// the edge. `None`, and crossings to be dropped, when it does not arrive, or strays farther
-    /// than `limit`, squared.
-    pub fn trace(&self, edge: &Edge<'_>, limit: f64, out: &mut Vec<Crossing>) -> Option<f64> {
+    /// Traces an edge: adds the path and returns its largest squared distance from the edge. `None`,
+    /// and nothing added, when it does not arrive, or strays farther than `limit`, squared.
+    pub fn trace(&self, edge: &Edge<'_>, limit: f64, out: &mut Paths) -> Option<f64> {
+        let first = out.mark();
+        let found = self.any_trace(edge, limit, out);
+        if found.is_none() {
+            out.truncate(first);
+        }
+        found
+    }
+
+    fn any_trace(&self, edge: &Edge<'_>, limit: f64, out: &mut Paths) -> Option<f64> {
         let [from, to] = edge.feet;
         if from.side != NONE && to.side != NONE {
             return self.along_boundary(edge, out);
@@ -87,7 +132,7 @@ impl Traces<'_> {
         // In folds, what is up over all descendants may be along the edge; at creases the side that
         // is farther along may lead the long way round.
         let ups = [from.up + to.up, normal(from) + normal(to)];
-        let first = out.len();
+        let first = out.mark();
         let mut best: Option<f64> = None;
         let mut kept = first;
         for (up, start) in ups.into_iter().flat_map(|up| [(up, 0), (up, 1)]) {
@@ -96,8 +141,8 @@ impl Traces<'_> {
             let found = self.follow(edge, (up, start), nearer, out);
             match found.filter(|&most| best.is_none_or(|best| most < best)) {
                 Some(most) => {
-                    out.drain(first..kept);
-                    kept = out.len();
+                    out.drop_between(first, kept);
+                    kept = out.mark();
                     best = Some(most);
                     if most <= limit * GOOD {
                         break;
@@ -120,11 +165,13 @@ impl Traces<'_> {
         edge: &Edge<'_>,
         (up, start): (DVec3, usize),
         limit: f64,
-        out: &mut Vec<Crossing>,
+        out: &mut Paths,
     ) -> Option<f64> {
         let [from, to] = edge.feet;
         let mut most = edge.foot_distance_squared();
+        out.go_on(from.point, from.face);
         if from.face == to.face {
+            out.arrive(to.point);
             return Some(most);
         }
         let along = to.point - from.point;
@@ -145,7 +192,8 @@ impl Traces<'_> {
             _ => crossed.min_by(order)?,
         };
         for _ in 0..self.most_steps(edge) {
-            let away = edge.distance_squared(self.crossing_point(&step, side));
+            let at = self.crossing_point(&step, side);
+            let away = edge.distance_squared(at);
             if away > limit || away.is_nan() {
                 return None;
             }
@@ -153,10 +201,12 @@ impl Traces<'_> {
             let (i, j) = ((side + 1) % 3, (side + 2) % 3);
             let (u, v) = (step.corners[i], step.corners[j]);
             // It leaves the face, so what the side leads to is on its left.
-            out.push((v, u));
+            out.crossings.push((v, u));
             let known = [(u, step.heights[i]), (v, step.heights[j])];
             step.face = self.full.neighbours()[step.face as usize][side];
+            out.go_on(at, step.face);
             if step.face == to.face {
+                out.arrive(to.point);
                 return Some(most);
             }
             // A rim, or once round.
@@ -193,43 +243,51 @@ impl Traces<'_> {
 
     /// Follows the rim, over descendants of both ends alone: no other path leaves nothing of the
     /// full mesh beyond it.
-    fn along_boundary(&self, edge: &Edge<'_>, out: &mut Vec<Crossing>) -> Option<f64> {
-        let first = out.len();
+    fn along_boundary(&self, edge: &Edge<'_>, out: &mut Paths) -> Option<f64> {
+        let first = out.mark();
         if let Some(most) = self.forward_along_boundary(edge, out) {
             return Some(most);
         }
         out.truncate(first);
         let most = self.forward_along_boundary(&edge.reversed(), out)?;
-        for crossing in &mut out[first..] {
+        for crossing in &mut out.crossings[first[0]..] {
             *crossing = (crossing.1, crossing.0);
         }
         Some(most)
     }
 
-    fn forward_along_boundary(&self, edge: &Edge<'_>, out: &mut Vec<Crossing>) -> Option<f64> {
+    fn forward_along_boundary(&self, edge: &Edge<'_>, out: &mut Paths) -> Option<f64> {
         let [from, to] = edge.feet;
         let mut most = 0.0_f64;
         for (foot, at) in edge.feet.into_iter().zip(edge.at) {
             most = most.max(foot.point.distance_squared(at));
             most = most.max(foot.on_boundary.distance_squared(at));
         }
+        out.go_on(from.point, from.face);
+        out.go_on(from.on_boundary, from.face);
         if from.side == to.side {
+            out.go_on(to.on_boundary, to.face);
+            out.arrive(to.point);
             return Some(most);
         }
         // It leaves the mesh across one side and comes back across the other.
         let [start, end] = ends_of(self.full, from.side);
-        out.push((end, start));
+        out.crossings.push((end, start));
         let mut vertex = end;
         loop {
             let is_own = |&end: &u32| self.descendants.descends(vertex, end);
             if !edge.ends.iter().any(is_own) {
                 return None;
             }
-            most = most.max(edge.distance_squared(self.full.position(vertex)));
+            let at = self.full.position(vertex);
+            most = most.max(edge.distance_squared(at));
             let side = self.boundary.started_by(vertex);
             let [start, end] = ends_of(self.full, side);
+            out.go_on(at, side / 3);
             if side == to.side {
-                out.push((start, end));
+                out.crossings.push((start, end));
+                out.go_on(to.on_boundary, to.face);
+                out.arrive(to.point);
                 return Some(most);
             }
             // Once round.
