@@ -1,12 +1,16 @@
 //! What must hold on every model and at every setting.
 
 use super::measure::ROUNDING;
-use super::result::{Check, Point};
+use super::result::{Check, Knob, Point};
 use crate::failure::Failure;
+use crate::report::quantile::median;
 use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::SceneModel;
 use hrtc_core::contact::sphere_proxy::CONVERGED_WITHIN;
 use hrtc_core::record::max_or_nan;
+
+/// What is certified beside what is true, on scans; 3 on meshes without noise.
+const TIGHT: f64 = 5.0;
 
 /// At tolerance 0 contacts equal the full mesh's to this share of the diagonal.
 const EQUAL: f64 = 1e-9;
@@ -57,6 +61,13 @@ pub fn checks(model: &SceneModel, reference: &Reference, points: &[Point]) -> Ve
         "exact distance by boxes against every face looked at, shares of the diagonal".to_string(),
         most(&|p| p.brute_apart_m / model.diagonal_m()),
         ROUNDING,
+    );
+    let dial = points.iter().filter(|point| point.knob == Knob::Local);
+    let ratios: Vec<f64> = dial.flat_map(|p| p.certified_over_true.clone()).collect();
+    check(
+        "certified over true error, median of the centimetres of the dial".to_string(),
+        median(&ratios),
+        TIGHT,
     );
     for point in points.iter().filter(|point| point.full_mesh) {
         let knob = point.knob.name();

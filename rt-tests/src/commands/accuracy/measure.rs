@@ -148,7 +148,8 @@ pub fn measure(
     point.rss_bytes = (high_water + FIXED_BYTES) as u64;
     point.replay_hash = simulation.controller().replay_hash() >> 11;
     fill(&mut point, &mut all);
-    point.certified_over_true_p50 = stretches.median();
+    point.certified_over_true = stretches.ratios();
+    point.certified_over_true_p50 = median(&point.certified_over_true);
     point.brute_apart_m = brute(model, &all.points).map_err(damaged)?;
     let recording = simulation
         .client_mut()
@@ -208,9 +209,9 @@ impl Stretches {
         self.length = 0.0;
     }
 
-    fn median(mut self) -> f64 {
+    fn ratios(mut self) -> Vec<f64> {
         self.end();
-        median(&self.ratios)
+        self.ratios
     }
 }
 

@@ -190,6 +190,9 @@ pub struct Point {
     /// Largest certified error over the largest true one of each centimetre of contact path,
     /// median; 0 where nothing is off by more than rounding.
     pub certified_over_true_p50: f64,
+    /// That ratio of each centimetre.
+    #[serde(skip)]
+    pub certified_over_true: Vec<f64>,
     /// Bytes received from the start to the end of the trajectory, without the measured errors sent
     /// back.
     pub bytes: u64,
