@@ -106,9 +106,9 @@ impl Plane {
         (vector - self.normal * self.normal.dot(vector)).length()
     }
 
-    /// The most that a way in the plane changes the weight of a corner.
-    pub fn weight_of(&self, corner: usize, way: f64) -> f64 {
-        way * self.lengths[corner]
+    /// The most that a displacement of this length in the plane changes the weight of a corner.
+    pub fn weight_of(&self, corner: usize, length: f64) -> f64 {
+        length * self.lengths[corner]
     }
 
     /// What the weight of a corner loses by rounding.

@@ -109,8 +109,8 @@ impl Step {
 }
 
 impl Traces<'_> {
-    /// Traces an edge: adds the path and returns its largest squared distance from the edge. `None`,
-    /// and nothing added, when it does not arrive, or strays farther than `limit`, squared.
+    /// Traces an edge: adds the path and returns its largest squared distance from the edge.
+    /// `None`, and nothing added, when it does not arrive, or strays farther than `limit`, squared.
     pub fn trace(&self, edge: &Edge<'_>, limit: f64, out: &mut Paths) -> Option<f64> {
         let first = out.mark();
         let found = self.any_trace(edge, limit, out);
@@ -183,14 +183,7 @@ impl Traces<'_> {
             corners,
             heights: corners.map(height),
         };
-        // Of the two sides that are crossed the one that is farther along, or the other.
-        let ahead = |side: usize| along.dot(self.crossing_point(&step, side));
-        let crossed = (0..3).filter(|&side| step.is_crossed(side));
-        let order = |a: &usize, b: &usize| ahead(*a).total_cmp(&ahead(*b));
-        let mut side = match start {
-            0 => crossed.max_by(order)?,
-            _ => crossed.min_by(order)?,
-        };
+        let mut side = self.first_side(&step, along, start)?;
         for _ in 0..self.most_steps(edge) {
             let at = self.crossing_point(&step, side);
             let away = edge.distance_squared(at);
@@ -231,6 +224,17 @@ impl Traces<'_> {
             }
         }
         None
+    }
+
+    /// Of the two sides that are crossed the one that is farther along, or the other.
+    fn first_side(&self, step: &Step, along: DVec3, start: usize) -> Option<usize> {
+        let ahead = |side: usize| along.dot(self.crossing_point(step, side));
+        let crossed = (0..3).filter(|&side| step.is_crossed(side));
+        let order = |a: &usize, b: &usize| ahead(*a).total_cmp(&ahead(*b));
+        match start {
+            0 => crossed.max_by(order),
+            _ => crossed.min_by(order),
+        }
     }
 
     /// Where the plane crosses a side.
