@@ -112,6 +112,7 @@ pub mod close {
     /// has about as many as its corners have descendants; what has far more has leaked.)
     pub const PATCH: (usize, usize) = (64, 2);
     /// Faces of the full mesh that one task takes through all fronts: their edges are traced once.
+    /// With 2048 a small mesh has too few tasks to share out evenly.
     pub const FACES_A_TASK: usize = 512;
 }
 
@@ -122,8 +123,8 @@ pub mod quarters {
     pub const FACES_A_BOUND: usize = 4;
     /// Faces whose parts get bounds for each that gets into the table: four give the same figures.
     pub const LARGE: usize = 2;
-    /// Times that a face is cut in four: a third one takes a fifth more of a build and gives the
-    /// same figures (`rt-tests accuracy`, cow, fandisk, bunny20k, dragon25k).
+    /// Times that a face is cut in four: a third one takes up to a sixth more of a build and gives
+    /// about the same figures (`rt-tests accuracy`, cow, fandisk, bunny20k, dragon25k).
     pub const DEPTH: u32 = 2;
     const _: () = assert!(DEPTH <= spm::QuarteredFace::MAX_DEPTH);
     /// One in so many splits is left in the finest front that is looked at: in finer ones the faces
