@@ -112,7 +112,7 @@ pub mod close {
     /// has about as many as its corners have descendants; what has far more has leaked.)
     pub const PATCH: (usize, usize) = (64, 2);
     /// Faces of the full mesh that one task takes through all fronts: their edges are traced once.
-    /// With 2048 a small mesh has too few tasks to share out evenly.
+    /// Four times as many leave a small mesh too few tasks to share out evenly.
     pub const FACES_A_TASK: usize = 512;
 }
 
