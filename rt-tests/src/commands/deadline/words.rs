@@ -1,121 +1,192 @@
 //! What `rt-tests deadline` prints.
 
-use super::{Deadline, Row};
+use super::{Deadline, MAX_P999_RATIO, Row};
 use crate::report::table::Table;
 use crate::report::units::length;
 
 /// The table and the verdict.
 #[must_use]
 pub fn words(found: &Deadline) -> String {
-    let heads = "scene | F | own\nmisses | over\nbudget | full | certified\np99 | measured\np99 | work p50,\nus | p99 | p99.9 | max | reference\np99.9 | its\nmisses | step, N";
+    let heads = "scene | F | own\nmisses | over\nbudget | full | certified\np99 | measured\np99 | work p50,\nus | p99 | p99.9 | max | p99.9 over\nreference | its own\nmisses | step, N";
     let mut table = Table::new(1, heads);
-    for row in &found.rows {
-        table.row([
-            row.scene.clone(),
-            format!("{}", row.slow),
-            row.missed_own.to_string(),
-            row.over_budget_ticks.to_string(),
-            full(row),
-            length(row.certified_error_m[1]),
-            length(row.measured_error_m[1]),
-            format!("{:.0}", row.work_us.p50),
-            format!("{:.0}", row.work_us.p99),
-            format!("{:.0}", row.work_us.p999),
-            format!("{:.0}", row.work_us.max),
-            format!(
-                "{:.0} ({:.1}x)",
-                row.reference_work_us.p999,
-                row.tail_ratio()
-            ),
-            row.reference_missed_own.to_string(),
-            format!("{:.3}", row.force_step_n_max),
-        ]);
+    let summaries: Vec<Summary<'_>> = found
+        .rows
+        .chunk_by(|a, b| a.scene == b.scene && a.slow == b.slow)
+        .map(Summary::new)
+        .collect();
+    for summary in &summaries {
+        table.row(summary.cells());
     }
     let mut text = format!(
         "F: how many times as long every stage of a tick takes; full: ticks in contact at full resolution\n\
-         reference: a loop of fixed arithmetic with the same median, slowed down alike; in brackets our p99.9 over its\n\n{table}\n"
+         reference: a loop of fixed arithmetic with the same median, slowed down alike, after each run\n\
+         p99.9 over reference: median of the seeds; all else: sums and the largest of the seeds\n\n{table}\n"
     );
-    for sentence in found.left_out.iter().chain(&odd_rows(found)) {
+    for sentence in found.left_out.iter().chain(&odd(&summaries)) {
         text += sentence;
         text.push('\n');
     }
-    text + if found.pass { "pass\n" } else { "FAIL\n" }
+    text + &verdict(found)
 }
 
-fn full(row: &Row) -> String {
-    let share = row.contact_full_ticks as f64 / row.contact_ticks.max(1) as f64;
-    format!("{:.1} %", 100.0 * share)
+/// All seeds of a scene at one F, which are never none.
+struct Summary<'a> {
+    rows: &'a [Row],
+    certified_p99_m: f64,
+}
+
+impl<'a> Summary<'a> {
+    fn new(rows: &'a [Row]) -> Self {
+        Self {
+            rows,
+            certified_p99_m: most(rows, |row| row.certified_error_m.p99),
+        }
+    }
+
+    fn cells(&self) -> [String; 14] {
+        let rows = self.rows;
+        let sum = |of: fn(&Row) -> u64| rows.iter().map(of).sum::<u64>();
+        let us = |of: fn(&Row) -> f64| format!("{:.0}", most(rows, of));
+        let contact = sum(|row| row.contact_ticks).max(1) as f64;
+        let full = 100.0 * sum(|row| row.contact_full_ticks) as f64 / contact;
+        let mut ratios: Vec<f64> = rows.iter().map(|row| row.reference_p999_ratio).collect();
+        ratios.sort_by(f64::total_cmp);
+        [
+            rows[0].scene.clone(),
+            format!("{}", rows[0].slow),
+            sum(|row| row.missed_own_cpu).to_string(),
+            sum(|row| row.units_over_budget_ticks).to_string(),
+            format!("{full:.1} %"),
+            length(self.certified_p99_m),
+            length(most(rows, |row| row.measured_error_m.p99)),
+            us(|row| row.work_us.p50),
+            us(|row| row.work_us.p99),
+            us(|row| row.work_us.p999),
+            us(|row| row.work_us.max),
+            format!("{:.1}", ratios[ratios.len() / 2]),
+            sum(|row| row.reference_missed_own_cpu).to_string(),
+            format!("{:.3}", most(rows, |row| row.force_step_n_max)),
+        ]
+    }
+}
+
+/// The largest; NaN when one is.
+fn most(rows: &[Row], of: fn(&Row) -> f64) -> f64 {
+    let larger = |most: f64, found: f64| {
+        if found > most || found.is_nan() {
+            found
+        } else {
+            most
+        }
+    };
+    rows.iter().map(of).fold(f64::NEG_INFINITY, larger)
 }
 
 /// Where a slower machine has the smaller error: tours that end elsewhere, or chance.
-fn odd_rows(found: &Deadline) -> Vec<String> {
-    let pairs = found.rows.windows(2);
-    let odd = pairs.filter(|pair| {
-        let [before, after] = pair else { return false };
-        before.scene == after.scene
-            && after.slow > before.slow
-            && after.certified_error_m[1] < before.certified_error_m[1]
+fn odd(summaries: &[Summary<'_>]) -> Vec<String> {
+    let pairs = summaries.windows(2);
+    let odd = pairs.filter_map(|pair| {
+        let [before, after] = pair else { return None };
+        let [faster, slower] = [&before.rows[0], &after.rows[0]];
+        (faster.scene == slower.scene
+            && slower.slow > faster.slow
+            && after.certified_p99_m < before.certified_p99_m)
+            .then_some([faster, slower])
     });
-    odd.map(|pair| {
+    odd.map(|[faster, slower]| {
         format!(
             "{}: at F = {} the certified error is smaller than at F = {}: the hand was led elsewhere, or the tolerance was coarser before the contact",
-            pair[0].scene, pair[1].slow, pair[0].slow
+            faster.scene, slower.slow, faster.slow
         )
     })
     .collect()
 }
 
+/// How many runs keep each of what is asked.
+fn verdict(found: &Deadline) -> String {
+    let rows = &found.rows;
+    let runs = |of: fn(&Row) -> bool| rows.iter().filter(|row| of(row)).count();
+    format!(
+        "of {} runs: {} with own misses ({} of their references), {} over a budget, {} with a p99.9 over {MAX_P999_RATIO} times the reference's, {} without a touch, {} with a figure that is not finite\n{}\n",
+        rows.len(),
+        runs(|row| row.missed_own_cpu > 0),
+        runs(|row| row.reference_missed_own_cpu > 0),
+        runs(|row| row.units_over_budget_ticks > 0),
+        runs(|row| !row.is_steady()),
+        runs(|row| row.contact_ticks == 0),
+        runs(|row| !row.non_finite.is_empty()),
+        if found.pass { "pass" } else { "FAIL" }
+    )
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use hrtc::result::ShortSpread;
+
+    fn kept() -> Row {
+        Row {
+            contact_ticks: 1,
+            reference_p999_ratio: 1.0,
+            ..Row::default()
+        }
+    }
 
     #[test]
-    fn a_missed_period_a_broken_budget_and_no_touch_fail() {
-        let kept = Row {
-            contact_ticks: 1,
-            ..Row::default()
-        };
-        assert!(kept.passes());
-        assert!(!Row::default().passes(), "nothing was touched");
-        assert!(
-            !Row {
-                missed_own: 1,
-                ..kept.clone()
-            }
-            .passes()
-        );
-        assert!(
-            !Row {
-                over_budget_ticks: 1,
-                ..kept.clone()
-            }
-            .passes()
-        );
-        let nan = vec!["work".to_owned()];
-        assert!(
-            !Row {
-                non_finite: nan,
-                ..kept
-            }
-            .passes()
-        );
+    fn a_run_passes_when_all_that_is_asked_was_kept() {
+        assert!(kept().passes());
+        let faults: [fn(&mut Row); 6] = [
+            |row| row.contact_ticks = 0,
+            |row| row.missed_own_cpu = 1,
+            |row| row.units_over_budget_ticks = 1,
+            |row| row.reference_p999_ratio = 1.6,
+            |row| row.reference_p999_ratio = f64::NAN,
+            |row| row.non_finite = vec!["work".to_owned()],
+        ];
+        for (index, fault) in faults.into_iter().enumerate() {
+            let mut row = kept();
+            fault(&mut row);
+            assert!(!row.passes(), "fault {index}");
+        }
     }
 
     #[test]
     fn an_error_that_falls_as_the_machine_gets_slower_is_said() {
-        let row = |slow: f64, error: f64| Row {
+        let row = |slow: f64, p99: f64| Row {
             scene: "a".to_owned(),
             slow,
-            certified_error_m: [0.0, error, error],
-            ..Row::default()
+            certified_error_m: ShortSpread {
+                p99,
+                ..ShortSpread::default()
+            },
+            ..kept()
         };
         let mut found = Deadline {
-            rows: vec![row(1.0, 0.0), row(2.0, 1e-3), row(4.0, 5e-4)],
+            rows: vec![
+                row(1.0, 0.0),
+                row(2.0, 1e-3),
+                row(2.0, 1e-4),
+                row(4.0, 5e-4),
+            ],
             left_out: Vec::new(),
             pass: false,
         };
         assert_eq!(words(&found).matches("is smaller than").count(), 1);
-        found.rows[2].certified_error_m[1] = 2e-3;
+        found.rows[3].certified_error_m.p99 = 2e-3;
         assert_eq!(words(&found).matches("is smaller than").count(), 0);
+    }
+
+    #[test]
+    fn seeds_are_one_line_of_the_table() {
+        let mut slow = kept();
+        (slow.seed, slow.missed_own_cpu, slow.work_us.p999) = (2, 3, 250.0);
+        let found = Deadline {
+            rows: vec![kept(), slow],
+            left_out: Vec::new(),
+            pass: false,
+        };
+        let text = words(&found);
+        assert!(text.contains("of 2 runs: 1 with own misses"), "{text}");
+        assert_eq!(text.matches(" 250 ").count(), 1, "{text}");
     }
 }
