@@ -23,8 +23,10 @@
 //! no boundary, and every point of a part of the full mesh lies in equally many: in one, unless the
 //! bounds are as large as the part. It is so near to the face in whose patch it lies.
 //!
-//! Nothing else is asked of traces: they may cross each other. Where one does not arrive, or where
-//! they enclose no patch, the bound of T is the largest R of its corners. Beside such a face, or
+//! Nothing else is asked of traces: they may cross each other. Then a point counts as often as they
+//! go round it (see [`winding`]), and the patch is where that is not 0 times: what is said above is
+//! true of pieces that count so often. Where a trace does not arrive, or where they enclose no
+//! patch, the bound of T is the largest R of its corners. Beside such a face, or
 //! where a front {E > t} meets another one, patches and what R counts need not cover the full mesh
 //! between them: of what neither covers, R alone is certified.
 //!
@@ -40,6 +42,7 @@ mod parts;
 mod patch;
 mod plane;
 mod trace;
+mod winding;
 
 pub use parts::PartBounds;
 
@@ -100,13 +103,14 @@ pub fn close_bounds(
     let turn = tasks.div_ceil(4 * rayon::current_num_threads()).max(1);
     let tasks = (0..tasks).into_par_iter().with_min_len(turn);
     let parts = tasks.map_init(
-        || (patches.search(), patches.part_search()),
-        |(search, room), task| {
+        || (Traced::default(), patches.search(), patches.part_search()),
+        |(traced, search, room), task| {
+            traced.clear();
             let first = task * FACES_A_TASK;
             let faces = first..faces.min(first + FACES_A_TASK);
             let [from, to] = [faces.start, faces.end]
                 .map(|end| large.partition_point(|large| (large.face as usize) < end));
-            patches.certify(faces, &large[from..to], (search, room), &bounds)
+            patches.certify(faces, &large[from..to], (traced, search, room), &bounds)
         },
     );
     let parts = parts.flatten_iter().collect();
@@ -141,6 +145,12 @@ struct Trace {
 }
 
 impl Traced {
+    /// Without edges, in the room of those before.
+    fn clear(&mut self) {
+        self.edges.clear();
+        self.paths.clear();
+    }
+
     /// The sides that a trace crosses.
     fn crossings(&self, of: &Trace) -> &[Crossing] {
         &self.paths.crossings[of.first[0]..of.last[0]]
@@ -234,10 +244,9 @@ impl<'a> Patches<'a> {
         &self,
         faces: Range<usize>,
         large: &[LargeFace],
-        (search, room): (&mut Search, &mut PartSearch),
+        (traced, search, room): (&mut Traced, &mut Search, &mut PartSearch),
         bounds: &[AtomicU64],
     ) -> Vec<Option<PartBounds>> {
-        let mut traced = Traced::default();
         let mut parts = Vec::with_capacity(large.len());
         for (face, &full_corners) in faces.clone().zip(&self.full().triangles()[faces]) {
             self.fronts
@@ -247,7 +256,7 @@ impl<'a> Patches<'a> {
                         return;
                     }
                     let radius = self.radius(corners);
-                    let patch = self.patch(corners, &mut traced, search);
+                    let patch = self.patch(corners, traced, search);
                     let close = patch.as_ref().map(|patch| patch.bound);
                     let bound = close.map_or(radius, |close| close.min(radius));
                     for corner in corners {
@@ -259,7 +268,7 @@ impl<'a> Patches<'a> {
                     let is_next =
                         |of: &&LargeFace| (of.face as usize, of.begin.into()) == (face, begin);
                     if let Some(of) = next.filter(is_next) {
-                        let found = (&traced, &*search);
+                        let found = (&*traced, &*search);
                         parts.push(patch.and_then(|patch| {
                             self.parts((corners, of.first), &patch, found, room)
                         }));
@@ -290,7 +299,18 @@ impl<'a> Patches<'a> {
         let (at_least, each) = PATCH;
         let limit = at_least + each * corners.map(descendants).into_iter().sum::<usize>();
         let plane = Plane::new(corners.map(|v| self.at(v)), self.rounding);
-        let farthest = search.farthest(&self.rings, self.full(), &plane, limit)?;
+        let simple = search.farthest(&self.rings, self.full(), &plane, limit);
+        let farthest = simple.or_else(|| {
+            let sides = (0..3).flat_map(|k| {
+                let backward = corners[(k + 1) % 3] < corners[k];
+                let crossings = traced.crossings(&edges[k]).iter();
+                crossings.map(move |&(left, right)| match backward {
+                    false => (left, right),
+                    true => (right, left),
+                })
+            });
+            search.farthest_wound(sides, &self.rings, (self.full(), &plane), limit)
+        })?;
         Some(Patch {
             edges,
             bound: plane.rounded_up(most.sqrt().max(farthest)),

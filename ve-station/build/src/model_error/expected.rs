@@ -23,7 +23,7 @@
 //! Memory: 6 B a face, 6 B a vertex, and the full surface.
 
 use super::full_surface::FullSurface;
-use super::triangle::distance;
+use super::triangle::Triangle;
 use crate::history::{Collapse, FanFace, MAX_FACES_ROUND_A_VERTEX, Round};
 use crate::tuning::error::STEPS;
 use glam::{DVec3, Vec3};
@@ -46,21 +46,20 @@ pub struct ExpectedErrors<'a> {
 }
 
 /// The faces round the vertex that a collapse makes.
+#[derive(Default)]
 struct Patch {
-    corners: [[DVec3; 3]; MAX_FACES_ROUND_A_VERTEX],
-    count: usize,
+    faces: Vec<Triangle>,
 }
 
 impl Patch {
-    fn faces(&self) -> &[[DVec3; 3]] {
-        &self.corners[..self.count]
-    }
-
-    /// The face nearest to a point, and the squared distance.
-    fn nearest(&self, point: DVec3) -> (usize, f64) {
+    /// The face nearest to a point, and the squared distance; that of one face is known.
+    fn nearest(&self, point: DVec3, known: Option<(usize, f64)>) -> (usize, f64) {
         let mut best = (0, f64::INFINITY);
-        for (k, corners) in self.faces().iter().enumerate() {
-            let squared = distance(corners, point).squared;
+        for (k, face) in self.faces.iter().enumerate() {
+            let squared = match known {
+                Some((place, squared)) if place == k => squared,
+                _ => face.distance(point).squared,
+            };
             if squared < best.1 {
                 best = (k, squared);
             }
@@ -102,7 +101,9 @@ impl<'a> ExpectedErrors<'a> {
     pub fn sample(&mut self, round: &Round) {
         let made = round.made.par_iter();
         let codes: Vec<u16> = made
-            .map(|made| self.sample_collapse(&made.collapse, made.point, round.fan(made)))
+            .map_init(Patch::default, |patch, made| {
+                self.sample_collapse(&made.collapse, made.point, (round.fan(made), patch))
+            })
             .collect();
         self.codes.extend(codes);
     }
@@ -112,16 +113,17 @@ impl<'a> ExpectedErrors<'a> {
         (self.codes, self.full)
     }
 
-    fn sample_collapse(&self, collapse: &Collapse, point: [f32; 3], fan: &[FanFace]) -> u16 {
-        let point = Vec3::from_array(point).as_dvec3();
-        let mut patch = Patch {
-            corners: [[point; 3]; MAX_FACES_ROUND_A_VERTEX],
-            count: fan.len(),
-        };
-        for (corners, face) in patch.corners.iter_mut().zip(fan) {
-            corners[1] = Vec3::from_array(face.from).as_dvec3();
-            corners[2] = Vec3::from_array(face.to).as_dvec3();
-        }
+    fn sample_collapse(
+        &self,
+        collapse: &Collapse,
+        point: [f32; 3],
+        (fan, patch): (&[FanFace], &mut Patch),
+    ) -> u16 {
+        patch.faces.clear();
+        patch.faces.extend(fan.iter().map(|face| {
+            let corners = [point, face.from, face.to];
+            Triangle::new(corners.map(|at| Vec3::from_array(at).as_dvec3()))
+        }));
 
         let made = |vertex: u32| {
             let made = (vertex as usize).checked_sub(self.next.len());
@@ -137,8 +139,8 @@ impl<'a> ExpectedErrors<'a> {
         let known_squared = self.scale.decode(known).powi(2);
 
         let mut most = known_squared;
-        let hanging = self.deal(&patch, fan, removed, &mut most);
-        self.sample_grids(&patch, fan, hanging, &mut most);
+        let hanging = self.deal(patch, fan, removed, &mut most);
+        self.sample_grids(patch, fan, hanging, &mut most);
         let code = if most > known_squared {
             known.max(self.scale.encode_expected(most.sqrt()))
         } else {
@@ -167,14 +169,15 @@ impl<'a> ExpectedErrors<'a> {
             let mut vertex = self.first[face as usize].load(Relaxed);
             while vertex != NONE {
                 let point = self.full.position(vertex);
-                let stays = before.filter(|&k| {
-                    let found = distance(&patch.corners[k], point);
-                    // On its face, or right above it and nearer than what counts: no other needs a
-                    // look.
+                let known = before.map(|k| (k, patch.faces[k].distance(point)));
+                // On its face, or right above it and nearer than what counts: no other needs a
+                // look.
+                let stays = known.filter(|(_, found)| {
                     found.squared == 0.0 || (found.is_above() && found.squared <= *most)
                 });
-                let place = stays.unwrap_or_else(|| {
-                    let (place, distance_squared) = patch.nearest(point);
+                let place = stays.map(|(k, _)| k).unwrap_or_else(|| {
+                    let known = known.map(|(k, found)| (k, found.squared));
+                    let (place, distance_squared) = patch.nearest(point, known);
                     *most = most.max(distance_squared);
                     place
                 });
@@ -193,12 +196,7 @@ impl<'a> ExpectedErrors<'a> {
 
     /// Raises `most` to the largest squared distance from a sample of the patch to the full mesh.
     fn sample_grids(&self, patch: &Patch, fan: &[FanFace], hanging: u32, most: &mut f64) {
-        let areas = |corners: &[DVec3; 3]| {
-            (corners[1] - corners[0])
-                .cross(corners[2] - corners[0])
-                .length()
-        };
-        let total: f64 = patch.faces().iter().map(areas).sum();
+        let total: f64 = patch.faces.iter().map(Triangle::twice_area).sum();
         let (least, greatest, each) = STEPS;
         let mut at_point = fan[0].face;
         let mut look = |point: DVec3, hint: u32| {
@@ -206,18 +204,17 @@ impl<'a> ExpectedErrors<'a> {
             *most = most.max(found.distance_squared);
             found.face
         };
-        at_point = look(patch.corners[0][0], at_point);
-        for (corners, face) in patch.faces().iter().zip(fan) {
-            let share = f64::from(hanging) * areas(corners) / total;
+        at_point = look(patch.faces[0].first(), at_point);
+        for (triangle, face) in patch.faces.iter().zip(fan) {
+            let share = f64::from(hanging) * triangle.twice_area() / total;
             let steps = (each * share.sqrt()).ceil().clamp(least, greatest);
-            let [point, from, to] = *corners;
-            let (along, across) = ((from - point) / steps, (to - from) / steps);
+            let [along, across] = triangle.sides().map(|side| side / steps);
             let steps = steps as u32;
             let mut row_hint = at_point;
             // Rows away from the vertex; the last one is the outer boundary of the patch, which did
             // not move.
             for row in 1..steps {
-                let start = point + along * f64::from(row);
+                let start = triangle.first() + along * f64::from(row);
                 row_hint = look(start, row_hint);
                 let mut hint = row_hint;
                 // The spoke that the row ends at is where the next face starts, unless there is

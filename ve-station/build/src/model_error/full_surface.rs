@@ -9,7 +9,7 @@
 //!
 //! Memory: 12 B a face (neighbours), 24 B a box, one box for one to two faces.
 
-use super::triangle::distance;
+use super::triangle::Triangle;
 use crate::tuning::error::{MAX_FACES, MAX_STEPS};
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
@@ -137,7 +137,7 @@ impl<'a> FullSurface<'a> {
         let (mut face, mut before) = (from, NONE);
         for _ in 0..MAX_STEPS {
             let corners = self.triangles[face as usize].map(|v| self.position(v));
-            let here = distance(&corners, point);
+            let here = Triangle::new(corners).distance(point);
             if here.squared < found.distance_squared {
                 found.distance_squared = here.squared;
                 found.face = face;
@@ -162,7 +162,7 @@ impl<'a> FullSurface<'a> {
         if gap_squared(lower, upper, point) >= found.distance_squared {
             return;
         }
-        let distance_squared = distance(&corners, point).squared;
+        let distance_squared = Triangle::new(corners).distance(point).squared;
         if distance_squared < found.distance_squared {
             found.distance_squared = distance_squared;
             found.face = face;

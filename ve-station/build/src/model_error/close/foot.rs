@@ -67,8 +67,8 @@ pub fn feet(
         .collect()
 }
 
-/// By vertex: a face at a descendant, and the sum of the normals, as long as twice the areas, at
-/// all of them.
+/// By vertex: a face at a descendant near it, and the sum of the normals, as long as twice the
+/// areas, at all of them.
 fn hints_and_ups(history: &History, full: &FullSurface<'_>) -> (Vec<u32>, Vec<DVec3>) {
     let mut hints = vec![NONE; history.positions.len()];
     let mut ups = vec![DVec3::ZERO; history.positions.len()];
@@ -83,7 +83,13 @@ fn hints_and_ups(history: &History, full: &FullSurface<'_>) -> (Vec<u32>, Vec<DV
     let made = history.full_vertices as usize..;
     for (made, collapse) in made.zip(&history.collapses) {
         let [t, u] = [collapse.vt, collapse.vu].map(|v| v as usize);
-        hints[made] = hints[t];
+        let at = Vec3::from_array(history.positions[made]);
+        let away = |child: usize| {
+            let corner = full.triangles().get(hints[child] as usize).map(|of| of[0]);
+            let near = |v: u32| Vec3::from_array(history.positions[v as usize]);
+            corner.map_or(f32::INFINITY, |v| near(v).distance_squared(at))
+        };
+        hints[made] = hints[if away(u) < away(t) { u } else { t }];
         ups[made] = ups[t] + ups[u];
     }
     (hints, ups)

@@ -27,7 +27,8 @@ impl Rings {
         Self { first, around }
     }
 
-    fn of(&self, vertex: u32) -> &[u32] {
+    /// The vertices beside one.
+    pub fn of(&self, vertex: u32) -> &[u32] {
         let [from, to] = [0, 1].map(|k| self.first[vertex as usize + k] as usize);
         &self.around[from..to]
     }
@@ -161,7 +162,8 @@ impl Search {
         self.inside[vertex as usize] == self.number
     }
 
-    fn begin_search(&mut self) {
+    /// Begins a search: nothing is inside.
+    pub fn begin_search(&mut self) {
         self.found.clear();
         if self.number == u32::MAX {
             self.inside.fill(0);
@@ -171,7 +173,8 @@ impl Search {
         self.number += 1;
     }
 
-    fn take(&mut self, vertex: u32, full: &FullSurface<'_>, plane: &Plane) {
+    /// Takes a vertex inside.
+    pub fn take(&mut self, vertex: u32, full: &FullSurface<'_>, plane: &Plane) {
         if self.inside[vertex as usize] != self.number {
             self.inside[vertex as usize] = self.number;
             self.found.push((vertex, plane.see(full.position(vertex))));

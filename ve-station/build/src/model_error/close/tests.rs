@@ -213,3 +213,37 @@ fn bounds_are_the_same_bits_for_any_number_of_threads() {
     };
     assert_eq!(bounds(1), bounds(3));
 }
+
+#[test]
+fn a_patch_is_where_traces_go_round_not_as_often_as_outside() {
+    let mesh = mesh(Shape::Sphere, 800);
+    let full = FullSurface::new(&mesh.positions, &mesh.triangles, neighbours(&mesh));
+    let rings = Rings::new(&full, mesh.positions.len());
+    let plane = Plane::new([DVec3::ZERO, DVec3::X, DVec3::Y], 0.0);
+    let mut search = Search::new(mesh.positions.len());
+    let away = |v: u32| plane.see(full.position(v)).away;
+    let round = |v: u32| rings.of(v).iter().map(move |&beside| (v, beside));
+    let backward = |v: u32| round(v).map(|(left, right)| (right, left));
+    let mut wound = |sides: Vec<Crossing>| {
+        let found = search.farthest_wound(sides.into_iter(), &rings, (&full, &plane), 10);
+        (
+            found,
+            search.inside().iter().map(|of| of.0).collect::<Vec<_>>(),
+        )
+    };
+    for v in (0..mesh.positions.len() as u32).step_by(7) {
+        // Another one with which it shares neighbours.
+        let beyond = rings.of(v).iter().flat_map(|&beside| rings.of(beside));
+        let is_beyond = |u: &u32| *u != v && !rings.of(v).contains(u);
+        let u = beyond.copied().find(is_beyond).expect("the sphere goes on");
+        let (found, inside) = wound(round(v).chain(backward(u)).collect());
+        assert_eq!(found, Some(away(v).max(away(u))), "an eight");
+        assert_eq!(inside.len(), 2);
+        let (found, inside) = wound(round(v).chain(round(v)).collect());
+        assert_eq!((found, inside), (Some(away(v)), vec![v]), "twice");
+        let (found, inside) = wound(round(v).chain(backward(v)).collect());
+        assert_eq!((found, inside), (Some(0.0), vec![]), "there and back");
+        assert_eq!(wound(round(v).skip(1).collect()).0, None, "not closed");
+    }
+    assert_eq!(wound(Vec::new()).0, None);
+}

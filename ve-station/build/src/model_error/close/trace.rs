@@ -32,6 +32,10 @@ pub struct Paths {
 type Mark = [usize; 2];
 
 impl Paths {
+    pub fn clear(&mut self) {
+        self.truncate([0; 2]);
+    }
+
     pub fn mark(&self) -> Mark {
         [self.crossings.len(), self.corners.len()]
     }
