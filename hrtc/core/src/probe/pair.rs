@@ -4,7 +4,7 @@ use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::contact::rigid_proxy::ToolProxy;
-use crate::contact::sphere_proxy::Contact;
+use crate::contact::sphere_proxy::{Contact, MAX_PUSHING};
 use crate::costs::QueryWork;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::force::passivity::CouplingSpring;
@@ -72,6 +72,8 @@ pub struct ProbeObjectPair {
     paid: f64,
     /// Whether the surface moves under the probe in this tick, by a geomorph.
     pub surface_moves: bool,
+    /// The faces that held a tool in the last tick, and their certified errors, model units.
+    held_by: [(Handle, f32); MAX_PUSHING],
 }
 
 impl ProbeObjectPair {
@@ -94,6 +96,7 @@ impl ProbeObjectPair {
             coupled: [None; 2],
             paid: 1.0,
             surface_moves: false,
+            held_by: [(NONE, f32::NAN); MAX_PUSHING],
         }
     }
 
@@ -186,22 +189,40 @@ impl ProbeObjectPair {
     }
 
     /// The largest certified error of the faces that hold the probe, model units: of a ball where
-    /// they hold it. Not a number where there is no bound: no face holds it, or one that is not of
-    /// the front.
-    pub fn certified(&self, surface: Surface<'_>, contact: &Contact) -> f32 {
-        let ball = self.proxy.position().filter(|_| !self.proxy.is_tool());
+    /// they hold it. Not a number where there is no bound: no face holds it, or one that was not of
+    /// the front while it held it.
+    ///
+    /// A tool that has no time to look anew is held on by faces that are gone; the full mesh is as
+    /// it was, so their bounds are, too.
+    pub fn certified(&mut self, surface: Surface<'_>, contact: &Contact) -> f32 {
+        let is_tool = self.proxy.is_tool();
+        let ball = self.proxy.position().filter(|_| !is_tool);
         let of_face = |face| match ball {
             _ if face == contact.face => surface.mesh.certified_distance(face, contact.point),
             Some(middle) => surface.mesh.certified_distance(face, middle),
             None => surface.mesh.certified_error(face),
         };
+        let before = std::mem::replace(&mut self.held_by, [(NONE, f32::NAN); MAX_PUSHING]);
+        let mut most: Option<f32> = None;
         let faces = contact.faces.iter().filter(|&&face| face != NONE);
-        let bounds = faces.map(|&face| {
-            let bound = surface.mesh.is_active(face).then(|| of_face(face));
-            bound.filter(|bound| bound.is_finite()).unwrap_or(f32::NAN)
-        });
-        let most = |a: f32, b: f32| if a.is_nan() || a > b { a } else { b };
-        bounds.reduce(most).unwrap_or(f32::NAN)
+        for (held_by, &face) in self.held_by.iter_mut().zip(faces) {
+            let bound = if surface.mesh.is_active(face) {
+                if is_tool {
+                    *held_by = (face, surface.mesh.certified_error(face));
+                }
+                of_face(face)
+            } else {
+                let known = before.iter().find(|known| known.0 == face);
+                *held_by = known.copied().unwrap_or(*held_by);
+                held_by.1
+            };
+            let bound = if bound.is_finite() { bound } else { f32::NAN };
+            most = match most {
+                Some(most) if most.is_nan() || most > bound => Some(most),
+                _ => Some(bound),
+            };
+        }
+        most.unwrap_or(f32::NAN)
     }
 
     /// Renders stiffness and damping of the surface at the contact, then its effects. Returns the

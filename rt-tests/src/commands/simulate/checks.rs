@@ -4,7 +4,7 @@ use super::trace::{Checked, ensure};
 use geometry::Wrench;
 use glam::DVec3;
 use hrtc_core::record::CoreRecord;
-use scene::{ProbePlan, ProbeShape, SafetyPlan, ScenePlan};
+use scene::{ProbePlan, SafetyPlan, ScenePlan};
 use simulator::{Client, INBOX_CHUNKS};
 
 /// Cache for each active object of which a tenth holds every base mesh and what a contact needs.
@@ -26,8 +26,6 @@ pub struct Watch {
     /// Whether a share of its cache is enough for a controller.
     may_be_limited: bool,
     operations: u32,
-    /// Whether each probe is a ball.
-    is_ball: Vec<bool>,
     last: Vec<Wrench>,
     accounts: Option<Vec<Account>>,
     allocations: u64,
@@ -42,7 +40,6 @@ impl Watch {
     #[must_use]
     pub fn new(plan: &ScenePlan, device_max_n: f64, noise_m: f64, has_accounts: bool) -> Self {
         let account = |probe: &ProbePlan| Account::new(plan, probe.device.encoder_m + noise_m);
-        let is_ball = |probe: &ProbePlan| matches!(probe.shape, ProbeShape::Sphere { .. });
         Self {
             safety: plan.safety,
             device_max_n,
@@ -51,7 +48,6 @@ impl Watch {
             limit: (plan.cache_bytes as u64, 0),
             may_be_limited: plan.cache_bytes >= AMPLE_BYTES * plan.active_objects(),
             operations: plan.loop_.operations as u32,
-            is_ball: plan.probes.iter().map(is_ball).collect(),
             last: vec![Wrench::ZERO; plan.probes.len()],
             accounts: has_accounts.then(|| plan.probes.iter().map(account).collect()),
             allocations: 0,
@@ -89,7 +85,7 @@ impl Watch {
     pub fn check(&mut self, client: &Client) -> Checked {
         let outputs = client.outputs();
         self.check_wrenches(client)?;
-        self.check_record(&outputs.record)?;
+        Self::check_record(&outputs.record)?;
         let controller = client.controller();
         let record = &outputs.record;
         self.query_work_max = self.query_work_max.max(record.query_work);
@@ -176,24 +172,21 @@ impl Watch {
         Ok(())
     }
 
-    /// A contact without a certified bound has no number for it, and says so; only a tool, which
-    /// may wait at faces that are gone until a tick can decide, has such contacts.
-    fn check_record(&self, record: &CoreRecord) -> Checked {
-        for ((k, probe), is_ball) in record.probes.iter().enumerate().zip(&self.is_ball) {
+    fn check_record(record: &CoreRecord) -> Checked {
+        for (k, probe) in record.probes.iter().enumerate() {
             let certified_m = probe.certified_error_m;
             let is_bounded = !probe.contact || probe.contact_bounded;
             ensure(
-                is_bounded == certified_m.is_finite() && (is_bounded || !is_ball),
+                is_bounded && certified_m.is_finite(),
                 "bound of a contact",
                 || format!("probe {k}: {certified_m} m certified, bounded {is_bounded}"),
             )?;
         }
-        let certified_m = if record.contact && !record.contact_bounded {
-            0.0
-        } else {
-            record.certified_error_m
-        };
-        let lengths = [certified_m, record.depth_m, record.finest_tolerance_m];
+        let lengths = [
+            record.certified_error_m,
+            record.depth_m,
+            record.finest_tolerance_m,
+        ];
         let numbers = [
             record.energy_j,
             record.contact_tolerance_m,
