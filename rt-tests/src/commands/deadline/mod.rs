@@ -196,7 +196,8 @@ pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
     }
 }
 
-/// A run, and a loop of fixed arithmetic with its median: the machine changes from minute to minute.
+/// A run, and a loop of fixed arithmetic with its median, since the machine changes from minute to
+/// minute.
 fn row(
     scene: &Scene,
     slow: f64,
