@@ -410,25 +410,42 @@ pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLi
     if longest == 0.0 {
         return 1.0;
     }
-    let excess = |share: f64| excess(mesh, steps, limit, share);
-    // The surface moves nowhere by more than its vertices, and it may come to the reach at once.
+    // The remaining path, if that is allowed.
+    let left = steps.iter().map(|(geomorph, _)| 1.0 - geomorph.done());
+    let left = left.fold(0.0, f64::max);
+    let surely = || (surely_allowed(mesh, steps, limit) / longest).min(1.0);
+    let mut share = left;
+    for _ in 0..TRIES {
+        let excess = excess(mesh, steps, limit, share);
+        if excess > 1.0 {
+            share /= excess * SMALLER;
+        } else if share == left {
+            return left;
+        } else {
+            return share.max(surely());
+        }
+    }
+    surely()
+}
+
+/// The length by which vertices may move whatever moves with them: the surface moves nowhere by
+/// more than they, and it may come to the reach at once.
+fn surely_allowed(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit) -> f64 {
+    let allowed = limit.step.min(limit.rise);
+    // The moving vertices are corners of the faces: most often the faces are too near to matter.
+    let mut vertices = steps.iter().map(|(geomorph, _)| geomorph.vertex());
+    let is_near = vertices.any(|vertex| {
+        let at = mesh.position(vertex).as_dvec3();
+        at.distance(limit.centre) <= limit.reach + allowed
+    });
+    if is_near {
+        return allowed;
+    }
     let faces = steps.iter().flat_map(|(_, around)| around.deformed());
     let nearest = faces.fold(f64::INFINITY, |least, &face| {
         least.min(limit.distance(mesh.corners(face)))
     });
-    let surely = limit.step.min(limit.rise).max(nearest - limit.reach);
-    let surely = (surely / longest).min(1.0);
-    // The remaining path, if that is allowed.
-    let left = steps.iter().map(|(geomorph, _)| 1.0 - geomorph.done());
-    let mut share = left.fold(0.0, f64::max);
-    for _ in 0..TRIES {
-        let excess = excess(share);
-        if excess <= 1.0 {
-            return share.max(surely);
-        }
-        share /= excess * SMALLER;
-    }
-    surely
+    allowed.max(nearest - limit.reach)
 }
 
 /// Whether a split or collapse to be performed would turn a face over: reverse the normal of a
