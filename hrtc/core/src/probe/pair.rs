@@ -19,6 +19,9 @@ use mutants::{Mutant, is};
 use scene::{ProbeShape, SurfacePlan};
 use spm::{Handle, NONE};
 
+/// No face, and no certified error.
+const HELD_BY_NONE: [(Handle, f32); MAX_PUSHING] = [(NONE, f32::NAN); MAX_PUSHING];
+
 /// Contact state of a pair in a tick.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ContactState {
@@ -96,7 +99,7 @@ impl ProbeObjectPair {
             coupled: [None; 2],
             paid: 1.0,
             surface_moves: false,
-            held_by: [(NONE, f32::NAN); MAX_PUSHING],
+            held_by: HELD_BY_NONE,
         }
     }
 
@@ -173,6 +176,9 @@ impl ProbeObjectPair {
         if step.contact.is_none() && self.proxy.is_held() {
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
+        if step.contact.is_none() {
+            self.held_by = HELD_BY_NONE;
+        }
         self.hint = nearest.map(|nearest| nearest.face);
         self.nearest = nearest.map(|nearest| nearest.closest.point);
         let clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
@@ -202,7 +208,7 @@ impl ProbeObjectPair {
             Some(middle) => surface.mesh.certified_distance(face, middle),
             None => surface.mesh.certified_error(face),
         };
-        let before = std::mem::replace(&mut self.held_by, [(NONE, f32::NAN); MAX_PUSHING]);
+        let before = std::mem::replace(&mut self.held_by, HELD_BY_NONE);
         let mut most: Option<f32> = None;
         let faces = contact.faces.iter().filter(|&&face| face != NONE);
         for (held_by, &face) in self.held_by.iter_mut().zip(faces) {

@@ -10,7 +10,7 @@ use super::super::full_surface::FullSurface;
 use super::patch::{Rings, Search};
 use super::plane::Plane;
 use super::trace::Crossing;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// How often traces go round vertices.
 #[derive(Debug, Clone)]
@@ -35,12 +35,12 @@ impl Winding {
             *winding.crossed.entry(side).or_default() += more;
         }
         let ends = winding.crossed.keys().flat_map(|side| [side.0, side.1]);
-        let ends: BTreeMap<u32, ()> = ends.map(|end| (end, ())).collect();
-        let first = *ends.keys().next()?;
+        let ends: BTreeSet<u32> = ends.collect();
+        let first = *ends.first()?;
         winding.times.insert(first, 0);
         let mut waiting = vec![first];
         while let Some(vertex) = waiting.pop() {
-            for &beside in rings.of(vertex).iter().filter(|v| ends.contains_key(v)) {
+            for &beside in rings.of(vertex).iter().filter(|v| ends.contains(v)) {
                 if winding.reach(vertex, beside)? {
                     waiting.push(beside);
                 }
