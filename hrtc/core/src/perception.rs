@@ -432,7 +432,8 @@ pub fn allowed_share(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLi
 /// more than they, and it may come to the reach at once.
 fn surely_allowed(mesh: &ActiveMesh, steps: &[Step<'_>], limit: &PerceptionLimit) -> f64 {
     let allowed = limit.step.min(limit.rise);
-    // The moving vertices are corners of the faces: most often the faces are too near to matter.
+    // The faces are no farther than the moving vertices, their corners; where those are near, the
+    // distance of the faces adds nothing.
     let mut vertices = steps.iter().map(|(geomorph, _)| geomorph.vertex());
     let is_near = vertices.any(|vertex| {
         let at = mesh.position(vertex).as_dvec3();

@@ -201,34 +201,31 @@ impl ProbeObjectPair {
     /// A tool that has no time to look anew is held on by faces that are gone; the full mesh is as
     /// it was, so their bounds are, too.
     pub fn certified(&mut self, surface: Surface<'_>, contact: &Contact) -> f32 {
-        let is_tool = self.proxy.is_tool();
-        let ball = self.proxy.position().filter(|_| !is_tool);
-        let of_face = |face| match ball {
-            _ if face == contact.face => surface.mesh.certified_distance(face, contact.point),
-            Some(middle) => surface.mesh.certified_distance(face, middle),
-            None => surface.mesh.certified_error(face),
-        };
+        let ball = self.proxy.position().filter(|_| !self.proxy.is_tool());
         let before = std::mem::replace(&mut self.held_by, HELD_BY_NONE);
-        let mut most: Option<f32> = None;
         let faces = contact.faces.iter().filter(|&&face| face != NONE);
-        for (held_by, &face) in self.held_by.iter_mut().zip(faces) {
-            let bound = if surface.mesh.is_active(face) {
-                if is_tool {
+        let bounds = self.held_by.iter_mut().zip(faces).map(|(held_by, &face)| {
+            let bound = if !surface.mesh.is_active(face) {
+                if let Some(known) = before.iter().find(|known| known.0 == face) {
+                    *held_by = *known;
+                }
+                held_by.1
+            } else {
+                if ball.is_none() {
                     *held_by = (face, surface.mesh.certified_error(face));
                 }
-                of_face(face)
-            } else {
-                let known = before.iter().find(|known| known.0 == face);
-                *held_by = known.copied().unwrap_or(*held_by);
-                held_by.1
+                match ball {
+                    _ if face == contact.face => {
+                        surface.mesh.certified_distance(face, contact.point)
+                    }
+                    Some(middle) => surface.mesh.certified_distance(face, middle),
+                    None => held_by.1,
+                }
             };
-            let bound = if bound.is_finite() { bound } else { f32::NAN };
-            most = match most {
-                Some(most) if most.is_nan() || most > bound => Some(most),
-                _ => Some(bound),
-            };
-        }
-        most.unwrap_or(f32::NAN)
+            if bound.is_finite() { bound } else { f32::NAN }
+        });
+        let most = |a: f32, b: f32| if a.is_nan() || a > b { a } else { b };
+        bounds.reduce(most).unwrap_or(f32::NAN)
     }
 
     /// Renders stiffness and damping of the surface at the contact, then its effects. Returns the

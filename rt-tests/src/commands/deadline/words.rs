@@ -3,6 +3,7 @@
 use super::{Deadline, MAX_P999_RATIO, Row};
 use crate::report::table::Table;
 use crate::report::units::length;
+use hrtc_core::record::max_or_nan;
 
 /// The table and the verdict.
 #[must_use]
@@ -72,14 +73,7 @@ impl<'a> Summary<'a> {
 
 /// The largest; NaN when one is.
 fn most(rows: &[Row], of: fn(&Row) -> f64) -> f64 {
-    let larger = |most: f64, found: f64| {
-        if found > most || found.is_nan() {
-            found
-        } else {
-            most
-        }
-    };
-    rows.iter().map(of).fold(f64::NEG_INFINITY, larger)
+    rows.iter().map(of).fold(f64::NEG_INFINITY, max_or_nan)
 }
 
 /// Where a slower machine has the smaller error: tours that end elsewhere, or chance.
