@@ -89,6 +89,8 @@ fn whatever_moves_and_changes() {
             (300, 6),
             (1500, 6),
             (1 << 17, 6),
+            // Escapes that a tick cannot decide.
+            (1000, 200),
             (1500, 200),
             (1 << 17, 200),
         ] {

@@ -218,6 +218,8 @@ impl ToolProxy {
                 Some(true) => {}
                 None => {
                     self.escapes_tried = Some(EscapesTried { count, ..tried });
+                    // What is known may be of an escape.
+                    self.near.move_to(&here);
                     return false;
                 }
             }

@@ -350,6 +350,13 @@ impl Neighbourhood {
         );
     }
 
+    /// Notes the current placement of the tool, where it was not moved there.
+    pub fn move_to(&mut self, place: &Placement) {
+        if self.tube.left() > 0.0 {
+            self.tube.move_to(place);
+        }
+    }
+
     /// Notes a motion of the tool to a placement.
     pub fn spend(&mut self, place: &Placement, motion: &Twist, radius: f64) {
         self.tube.move_to(place);
