@@ -78,42 +78,72 @@ pub fn prism(outline: &[DVec2], length: f64) -> SoupMesh {
     mesh
 }
 
-/// The surface of a thread around z, from one height to another: a radius that swings by `swing`
-/// once a turn and a `pitch`.
-fn thread(radius: f64, swing: f64, pitch: f64, [from, to]: [f64; 2]) -> Vec<Vec<DVec3>> {
-    const AROUND: u32 = 48;
-    let rows = (8.0 * (to - from) / pitch).ceil() as u32;
-    let row = |k: u32| {
-        let z = from + (to - from) * f64::from(k) / f64::from(rows);
-        (0..AROUND)
-            .map(|j| {
-                let share = f64::from(j) / f64::from(AROUND);
-                let phase = (z / pitch - share).rem_euclid(1.0);
-                // A triangle: up and down again.
-                let height = radius + swing * (4.0 * (phase - 0.5).abs() - 1.0);
-                (DVec2::from_angle(TAU * share) * height).extend(z)
-            })
-            .collect()
+/// Sides of a thread's circles: a chord is within 0.01 mm of an arc of 5 mm.
+const THREAD_SIDES: u32 = 64;
+
+/// The surface of a thread around z, so many turns up from a height: a radius that swings by
+/// `swing` once a turn and a `pitch`, in straight flanks. Crests and roots are edges, so that its
+/// faces are within 0.01 mm of it; either end rises by a pitch around z.
+fn thread(radius: f64, swing: f64, pitch: f64, (from, turns): (f64, u32)) -> SoupMesh {
+    let place = |row: u32, side: u32| {
+        let share = f64::from(side) / f64::from(THREAD_SIDES);
+        let height = radius + if row.is_multiple_of(2) { -swing } else { swing };
+        let z = from + pitch * (0.5 * f64::from(row) + share);
+        (DVec2::from_angle(TAU * share) * height).extend(z)
     };
-    (0..=rows).map(row).collect()
+    let rows = 2 * turns;
+    let mut mesh = SoupMesh::default();
+    for row in 0..=rows {
+        let places = (0..THREAD_SIDES).map(|side| place(row, side).to_array());
+        mesh.positions.extend(places);
+    }
+    // Once around, a row goes on in the next but one.
+    mesh.positions
+        .extend([rows + 1, rows + 2].map(|row| place(row, 0).to_array()));
+    for (row, side) in (0..rows).flat_map(|row| (0..THREAD_SIDES).map(move |side| (row, side))) {
+        let [a, b, c, d] =
+            [[0, 0], [0, 1], [1, 1], [1, 0]].map(|[up, on]| on_thread(rows, row + up, side + on));
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    mesh
 }
 
-/// A threaded bore from z = -depth to 0, seen from within.
-pub fn nut(radius: f64, swing: f64, pitch: f64, depth: f64) -> SoupMesh {
-    let mut mesh = tube(&thread(radius, swing, pitch, [-depth, 0.0]));
+/// Index of a point on a thread of so many rows.
+fn on_thread(rows: u32, row: u32, side: u32) -> u32 {
+    let [row, side] = [row + 2 * (side / THREAD_SIDES), side % THREAD_SIDES];
+    if row > rows {
+        (rows + 1) * THREAD_SIDES + row - rows - 1
+    } else {
+        row * THREAD_SIDES + side
+    }
+}
+
+/// A threaded bore of so many turns whose upper end is between z = 0 and a pitch, seen from within.
+pub fn nut(radius: f64, swing: f64, pitch: f64, turns: u32) -> SoupMesh {
+    let mut mesh = thread(radius, swing, pitch, (-pitch * f64::from(turns), turns));
     for face in &mut mesh.triangles {
         face.swap(1, 2);
     }
     mesh
 }
 
-/// A screw that stands on z = 0, closed.
-pub fn screw(radius: f64, swing: f64, pitch: f64, length: f64) -> SoupMesh {
-    let rows = thread(radius, swing, pitch, [0.0, length]);
-    let around = rows[0].len() as u32;
-    let mut mesh = tube(&rows);
-    close(&mut mesh, 0, around, false);
-    close(&mut mesh, (rows.len() as u32 - 1) * around, around, true);
+/// A screw of so many turns whose lower end is between z = 0 and a pitch, closed.
+pub fn screw(radius: f64, swing: f64, pitch: f64, turns: u32) -> SoupMesh {
+    let mut mesh = thread(radius, swing, pitch, (0.0, turns));
+    let rows = 2 * turns;
+    for (row, is_up) in [(0, false), (rows, true)] {
+        let middle = mesh.positions.len() as u32;
+        let height = pitch * (0.5 * f64::from(row) + 0.5);
+        mesh.positions.push([0.0, 0.0, height]);
+        // Around the end, and down the step to where that began.
+        let around = (0..=THREAD_SIDES).map(|side| on_thread(rows, row, side));
+        let step = [row + 1, row].map(|row| on_thread(rows, row, 0));
+        let ring: Vec<u32> = around.chain(step).collect();
+        mesh.triangles.extend(ring.windows(2).map(|of| match is_up {
+            true => [middle, of[0], of[1]],
+            false => [middle, of[1], of[0]],
+        }));
+    }
     mesh
 }
 
