@@ -218,7 +218,7 @@ impl ToolProxy {
                 Some(true) => {}
                 None => {
                     self.escapes_tried = Some(EscapesTried { count, ..tried });
-                    // What is known may be of an escape.
+                    // The pairs may be those around an escape; the tool stays here.
                     self.near.move_to(&here);
                     return false;
                 }

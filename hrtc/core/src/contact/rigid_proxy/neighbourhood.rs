@@ -350,7 +350,7 @@ impl Neighbourhood {
         );
     }
 
-    /// Notes the current placement of the tool, where it was not moved there.
+    /// Notes where the tool is, after pairs were collected for another placement.
     pub fn move_to(&mut self, place: &Placement) {
         if self.tube.left() > 0.0 {
             self.tube.move_to(place);
