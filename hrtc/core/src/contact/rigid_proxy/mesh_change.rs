@@ -67,6 +67,17 @@ impl MeshChange {
         self.is_new
     }
 
+    /// The surface's advance towards the tool that is expected in a tick, at most `most`: twice
+    /// that of this tick, since a geomorph's steps differ and several may move one face. `most`
+    /// where too many faces have changed to know.
+    pub fn expected_push(&self, most: f64) -> f64 {
+        if self.changed().is_some() {
+            most.min(2.0 * self.push)
+        } else {
+            most
+        }
+    }
+
     /// Whether a face near the tool has changed.
     pub fn is_there(&self) -> bool {
         self.is_there

@@ -68,8 +68,8 @@ use sweep::Open;
 
 /// Contact offset, as a fraction of the radius of gyration.
 const CONTACT_OFFSET: f64 = 1e-4;
-/// Contact offset while the surface moves, as a fraction of the step limit: twice the share of one
-/// geomorphing vertex (see [`crate::perception`]), since several may move one face.
+/// Contact offset while the surface moves, at most, as a fraction of the step limit: twice the
+/// share of one geomorphing vertex (see [`crate::perception`]), since several may move one face.
 const MOVING_OFFSET: f64 = 0.625;
 /// Share of that which is left a tick after the surface has come to rest.
 const OFFSET_LEFT: f64 = 0.5;
@@ -114,8 +114,9 @@ pub struct ToolProxy {
     /// Pairs that the sweep examines more than once.
     open: Vec<Open>,
     mesh_change: MeshChange,
-    /// Largest motion of the surface in a tick, of late, model units. Contacts act at this
-    /// distance, so that the surface pushes the tool instead of meeting it.
+    /// Advance of the surface towards the tool that is expected in a tick, by that of late, model
+    /// units. Contacts act at this distance, so that the surface pushes the tool instead of meeting
+    /// it.
     moving_offset: f64,
     state: State,
     /// Where the surface has carried the tool's anchor, if it has passed over it; see
@@ -422,7 +423,7 @@ impl ToolProxy {
         self.goal = goal;
         let start = self.at;
         let mesh_change = self.mesh_change.take();
-        let moving = MOVING_OFFSET * self.step_limit.of_this_tick();
+        let moving = mesh_change.expected_push(MOVING_OFFSET * self.step_limit.of_this_tick());
         self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
             let first_changed = if mesh_change.is_new() {
