@@ -64,6 +64,20 @@ fn a_jump_through_free_air_is_followed_without_a_force() {
     }
 }
 
+/// The look-ahead is a small part of the tool, the motion of a tick up to all of it.
+#[test]
+fn a_fast_motion_through_free_air_is_made_in_each_tick() {
+    let plate = Front::of_mesh(&plate_mesh(PLATE, 8));
+    for motion in [0.001, 0.01, 0.1, 1.0].map(|of| of * LENGTH) {
+        let mut hand = capsule();
+        for k in 0..40 {
+            let goal = upright(DVec3::Z * (0.05 + motion * f64::from(40 - k)));
+            lead(&mut hand, &plate, &goal, BUDGET);
+            assert_eq!(hand.proxy.pose(), goal, "{motion} m a tick, tick {k}");
+        }
+    }
+}
+
 #[test]
 fn a_jump_along_the_surface_feels_its_depth_and_no_more() {
     let plate = Front::of_mesh(&plate_mesh(PLATE, 60));

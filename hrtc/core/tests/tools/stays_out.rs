@@ -260,12 +260,13 @@ fn while_the_surface_is_refined_under_it() {
 /// only: the tool learns of it all the same, and follows its device.
 #[test]
 fn what_changes_in_each_tick_is_known_after_some() {
-    /// Half of the least that a scene gives, so that few faces take several ticks.
-    const BUDGET: u32 = 6000;
+    /// A sixth of the least that a scene gives, so that few faces take several ticks.
+    const BUDGET: u32 = 2000;
     const TICKS: u32 = 200;
-    /// Ticks in which the tool may know nothing (measured: 7; 112 where each change ended what a
-    /// tick had begun).
-    const MOST: u32 = 20;
+    /// Ticks in which the tool may know nothing, and that may end within their first step
+    /// (measured: 20 and 96; 152 and 197 where the look-ahead never becomes shorter).
+    const MOST: u32 = 40;
+    const MOST_UNFINISHED: u32 = 150;
     for (name, parts) in models(6000) {
         let mut front = Front::new(&parts, 60, &mut Random::new(1));
         let size = front.diagonal();
@@ -282,7 +283,7 @@ fn what_changes_in_each_tick_is_known_after_some() {
         for k in 0..400 {
             lead(&mut hand, &front, &pose(k), ROUGH_BUDGET);
         }
-        let mut unfinished = 0;
+        let (mut unknown, mut unfinished) = (0, 0);
         for tick in 400..400 + TICKS {
             let away = |&i: &Handle| {
                 let at = Vec3::from(parts.records[i as usize].pos_t).as_dvec3();
@@ -294,11 +295,13 @@ fn what_changes_in_each_tick_is_known_after_some() {
             let Front { mesh, tree, .. } = &mut front;
             tree.refit(|f| mesh.face_box(f));
             let answer = hand.proxy.advance(front.surface(), &pose(tick), BUDGET);
-            let is_known = answer.ending.is_complete();
-            unfinished += u32::from(!is_known);
-            assert!(!is_known || !hand.meets(&front), "{name}: tick {tick}");
+            let is_finished = answer.ending.is_complete();
+            unknown += u32::from(hand.proxy.known_margin() <= 0.0);
+            unfinished += u32::from(!is_finished);
+            assert!(!is_finished || !hand.meets(&front), "{name}: tick {tick}");
         }
-        println!("{name}: {unfinished} ticks know nothing");
-        assert!(unfinished <= MOST, "{name}: {unfinished}");
+        println!("{name}: {unknown} ticks know nothing, {unfinished} end within their first step");
+        assert!(unknown <= MOST, "{name}: {unknown}");
+        assert!(unfinished <= MOST_UNFINISHED, "{name}: {unfinished}");
     }
 }

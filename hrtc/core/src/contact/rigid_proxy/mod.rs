@@ -16,6 +16,7 @@
 //! |---|---|
 //! | `shape` | the tool's mesh about its centre |
 //! | `bounding_balls` | balls that bound it |
+//! | `look_ahead` | how far ahead candidates are collected |
 //! | `look_ahead_tube` | the motion and the margin for which candidate pairs are known |
 //! | `neighbourhood` | candidate pairs of faces, collected once and reused (Verlet list) |
 //! | `contacts` | local minima of the distance |
@@ -33,6 +34,7 @@ mod contacts;
 mod coupling_target;
 mod depenetration;
 mod look;
+mod look_ahead;
 mod look_ahead_tube;
 mod mesh_change;
 mod neighbourhood;
@@ -50,7 +52,7 @@ pub use shape::ToolProxyError;
 
 use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Limit, PairWork, Surface};
+use crate::contact::query::{Limit, Surface};
 use crate::contact::tool::Tool;
 use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
@@ -58,6 +60,7 @@ use contacts::Contacts;
 use depenetration::EscapesTried;
 use geometry::{BoxPair, Pose, Wrench};
 use glam::DVec3;
+use look_ahead::LookAhead;
 use mesh_change::MeshChange;
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MAX_HALF_SPACES};
@@ -141,8 +144,8 @@ pub struct ToolProxy {
     deflection: Twist,
     /// Deflection of the coupling that a hand cannot perceive, model units.
     imperceptible: Imperceptible,
-    /// Length of the path for which candidates are collected next, model units.
-    look_ahead: f64,
+    /// How far ahead candidates are collected.
+    look_ahead: LookAhead,
     /// Whether the last collection has not been used by a step: the step comes before a new
     /// collection.
     has_unused_collection: bool,
@@ -152,7 +155,7 @@ pub struct ToolProxy {
     device_travel: f64,
     /// Cost of the last collection and of the last step, in node pairs: what the next ones are
     /// expected to cost.
-    collection: PairWork,
+    collection_cost: u32,
     step_cost: u32,
     rejected: u64,
 }
@@ -193,11 +196,11 @@ impl ToolProxy {
             assumed: None,
             deflection: Twist::default(),
             imperceptible: Imperceptible::NOTHING,
-            look_ahead: shape.gyration,
+            look_ahead: LookAhead::new(shape.gyration),
             has_unused_collection: false,
             pace: 0.0,
             device_travel: 0.0,
-            collection: PairWork::default(),
+            collection_cost: 0,
             step_cost: 0,
             rejected: 0,
             tool,
@@ -225,12 +228,12 @@ impl ToolProxy {
         self.state = State::Nowhere;
         self.carried_anchor = None;
         self.contacts.clear();
-        self.look_ahead = self.shape.gyration;
+        self.look_ahead = LookAhead::new(self.shape.gyration);
         self.step_limit = StepLimit::FREE;
         self.is_behind = false;
         self.pace = 0.0;
         self.device_travel = 0.0;
-        self.collection = PairWork::default();
+        self.collection_cost = 0;
         self.step_cost = 0;
         self.is_estimate = false;
         self.assumed = None;

@@ -184,9 +184,6 @@ pub struct Neighbourhood {
     path: RelativePath,
     /// The state of an unfinished collection.
     partial: Option<PartialCollection>,
-    /// Faces of the surface that changed since it began, some of them more than once.
-    #[serde(with = "spm::reserved")]
-    changed_since: Vec<Handle>,
     /// Upper bound of the motion of any point of the tool since the collection.
     moved: f64,
     /// For each pair, the value of `moved` up to which it cannot touch.
@@ -214,7 +211,6 @@ impl Neighbourhood {
             tube: LookAheadTube::nowhere(),
             path: RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
             partial: None,
-            changed_since: Vec::with_capacity(MAX_SURFACE_FACES),
             moved: 0.0,
             clear_until: Vec::with_capacity(MAX_PAIRS),
             generation: 0,
@@ -237,11 +233,6 @@ impl Neighbourhood {
     /// Largest number of pairs so far.
     pub fn high_water(&self) -> usize {
         self.high_water
-    }
-
-    /// Whether twice as many pairs have room.
-    pub fn is_half_empty(&self) -> bool {
-        2 * self.pairs.len() <= MAX_PAIRS && 2 * self.faces.len() <= MAX_SURFACE_FACES
     }
 
     /// Number of vertices of the tool that pairs use.

@@ -6,7 +6,7 @@ use super::mesh_change::MeshChange;
 use super::sweep::{Swept, free_share};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Ending, Limit, PairWork, Surface};
+use crate::contact::query::{Ending, Limit, Surface};
 
 /// Separation that the sweep keeps, as a share of the contact offset.
 const MIN_SEPARATION: f64 = 0.5;
@@ -18,9 +18,6 @@ const SKIN_SHARE: f64 = 0.1;
 /// Length of the path for which a tick must know the candidates, in units of the device's motion.
 /// By `rt-tests tools` (dragon, bunny) 2 costs 2 to 3 % less in the median tick than 1.5.
 const AHEAD: f64 = 2.0;
-/// Length up to which a path is extended beyond the device, as a fraction of the radius of
-/// gyration: the tool turns off it.
-const LONGEST: f64 = 0.1;
 /// The part of the budget, one over this, that further work after the first step leaves by what
 /// such work has cost last, since it may cost more. With a third (dragon, seeds 1 and 2, 8 s of a
 /// copy of the measure of `rt-tests tools`) 5.7 and 2.6 % of the ticks end more than 0.05 mm
@@ -28,9 +25,6 @@ const LONGEST: f64 = 0.1;
 const RESERVE: u32 = 10;
 /// The least part of a step that is made where the budget did not suffice to see all of it.
 const MIN_PART: f64 = 0.1;
-/// The least part of what is left of a budget, one over this, that a collection leaves for the
-/// step: its pairs are placed and gone through once in any case.
-const FOR_STEP: u32 = 8;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
 /// collected again.
 const UPDATE_SHARE: u32 = 8;
@@ -44,14 +38,6 @@ const LAG: f64 = 0.05;
 const MAX_STEPS: usize = 12;
 /// Stops that are remembered: one per step.
 pub(super) const MAX_STOPS: usize = MAX_STEPS;
-/// Growth of the look-ahead, and its reduction.
-const CHANGE: f64 = 2.0;
-/// The part of the path of a collection after which it was of use: a path that a step leaves
-/// earlier was predicted badly. On the comb of `rt-tests tools`, a copy of whose measure ran for
-/// 3 s, 0.2 to 0.5 differ less than the seeds.
-const USED_UP: f64 = 0.3;
-/// Least look-ahead, as a fraction of the radius of gyration: less hardly costs less.
-const SHORTEST: f64 = 1e-4;
 
 /// The state of the steps of one tick.
 pub(super) struct TickSteps<'a> {
@@ -166,8 +152,9 @@ impl ToolProxy {
         likely: &Twist,
         answer: &mut ToolAdvance,
     ) -> Next {
-        let needed = (AHEAD * self.pace).min(self.look_ahead);
-        let share = self.share_to(likely, needed, tick.look_around);
+        let needed = AHEAD * self.pace;
+        let ahead = needed.min(self.look_ahead.length());
+        let share = self.share_to(likely, ahead, tick.look_around);
         let path = likely.times(share.min(1.0));
         let covers =
             self.has_unused_collection || self.near.tube.covers(&self.at, &path, tick.offset);
@@ -175,24 +162,26 @@ impl ToolProxy {
             return Next::Step;
         }
         // A collection that ends in another tick leaves this one without candidates.
-        let cost = self.collection.cost() + self.step_cost.max(self.collection.cost());
+        let cost = self.collection_cost + self.step_cost.max(self.collection_cost);
         if !tick.may_go_on(answer, cost) {
             return Next::End;
         }
-        let remaining = likely.farthest(self.shape.radius);
-        let extended = remaining.max(LONGEST * self.shape.gyration);
-        let length = self.look_ahead.min(extended);
+        let is_new = !self.near.has_partial_collection();
+        if is_new {
+            let is_behind = self.device_travel > tick.travelled;
+            self.look_ahead.begin(is_behind, needed);
+        }
+        let length = self.look_ahead.length();
         let share = self.share_to(likely, length, tick.look_around);
         let path = if share.is_finite() {
             likely.times(share)
         } else {
             *likely
         };
-        // The rest is for the step: twice what the last one took, or half. If it does not suffice,
-        // the next tick takes the step.
+        // One that looks farther than needed leaves room for one that does not.
+        let is_longer = is_new && length > needed;
         let left = tick.budget.saturating_sub(answer.spent);
-        let most = left - (2 * self.step_cost).clamp(left / FOR_STEP, left / 2);
-        let is_longer = length > needed && !self.near.has_partial_collection();
+        let most = if is_longer { left / 2 } else { left };
         // It numbers the pairs anew.
         tick.last = LastStep::default();
         if self.collect_candidates(tick, path, most, answer) {
@@ -206,7 +195,7 @@ impl ToolProxy {
         tick.failures += 1;
         if is_longer && tick.failures < MAX_FAILURES {
             // It looked farther ahead than this tick needs.
-            self.look_ahead = needed;
+            self.look_ahead.shorten_to(needed);
             self.near.invalidate();
             answer.ending = Ending::Complete;
             return Next::Retry;
@@ -214,7 +203,7 @@ impl ToolProxy {
         if self.near.has_partial_collection() {
             return Next::End;
         }
-        self.shorten_look_ahead();
+        self.look_ahead.shorten();
         if tick.failures == MAX_FAILURES {
             return Next::End;
         }
@@ -235,6 +224,7 @@ impl ToolProxy {
         answer.steps += 1;
         let Some((likely, motion, most)) = self.find_contacts(tick, (wanted, likely), answer)
         else {
+            self.look_ahead.note(answer.spent - before, 0.0);
             self.run_short(tick.has_collected, answer);
             return Next::End;
         };
@@ -269,16 +259,15 @@ impl ToolProxy {
         self.near.spend(&self.at, &done, radius);
         self.remember_stop(swept.stop);
         tick.last.ended(swept.stop, done.farthest(radius));
+        let cost = answer.spent - before;
+        self.look_ahead.note(cost, done.farthest(radius));
         if !swept.is_all {
             self.run_short(tick.has_collected, answer);
             return Next::End;
         }
-        self.step_cost = answer.spent - before;
+        self.step_cost = cost;
         self.has_unused_collection = false;
         tick.needs_candidates = covered < 1.0 && swept.share == 1.0;
-        if tick.needs_candidates {
-            self.learn_look_ahead(tick, done.farthest(radius), whole);
-        }
         tick.did_not_move = done.farthest(radius) == 0.0;
         // If the contacts of the last step predicted this motion, those of this one predict rest.
         let unforeseen = motion.minus(&likely).farthest(radius);
@@ -295,24 +284,12 @@ impl ToolProxy {
     /// The part of a step that a sweep found free.
     fn part_of(&self, step: &Twist, swept: &Swept) -> Twist {
         let is_little = swept.share < MIN_PART;
-        if !swept.is_all && is_little && self.is_shortest() {
+        if !swept.is_all && is_little && self.look_ahead.is_shortest() {
             // At rest the directions that separate pairs and the contacts stay as they are known,
             // and the next tick goes farther.
             return Twist::default();
         }
         step.times(swept.share)
-    }
-
-    /// The look-ahead after a step that went as far as the candidates are known, of a motion that
-    /// is `whole` units long: longer where the step used up the path that they are known for; where
-    /// it soon left the path sideways, twice as far as it went.
-    fn learn_look_ahead(&mut self, tick: &TickSteps<'_>, went: f64, whole: f64) {
-        if went < USED_UP * self.near.tube.length() {
-            let shortest = SHORTEST * self.shape.gyration;
-            self.look_ahead = self.look_ahead.min((CHANGE * went).max(shortest));
-        } else if self.look_ahead < whole && self.may_grow(tick) {
-            self.look_ahead *= CHANGE;
-        }
     }
 
     /// The share of a motion that the arcs at the contacts and the step limit of the tick leave.
@@ -346,8 +323,8 @@ impl ToolProxy {
         }
     }
 
-    /// Updates the candidate pairs where the surface changed; invalidates them if that fails. An
-    /// unfinished collection takes the changes up at its end.
+    /// Updates the candidate pairs where the surface changed; invalidates them if that fails, and
+    /// an unfinished collection.
     /// Returns the number of pairs before those of changed faces, where all of these are known.
     pub(super) fn update(
         &mut self,
@@ -358,15 +335,14 @@ impl ToolProxy {
     ) -> Option<usize> {
         let most = budget / UPDATE_SHARE;
         let changed = mesh_change.changed();
-        let is_noted = changed.is_some_and(|changed| self.near.note_changed(changed));
-        let first_changed = changed.filter(|_| !is_noted).and_then(|changed| {
+        let first_changed = changed.and_then(|changed| {
             let (first_changed, work) = self.near.update(surface, &self.shape, changed, most);
             answer.work.add(work);
             answer.spent += work.cost();
             first_changed
         });
         self.stops.clear();
-        if first_changed.is_none() && !is_noted {
+        if first_changed.is_none() {
             self.invalidate();
         }
         self.near.place(&self.shape, &self.at);
@@ -377,42 +353,24 @@ impl ToolProxy {
     pub(super) fn invalidate(&mut self) {
         if self.near.has_partial_collection() {
             // A collection over several ticks might never end.
-            self.shorten_look_ahead();
+            self.look_ahead.shorten();
         }
         self.near.invalidate();
         self.has_unused_collection = false;
     }
 
-    /// Whether a collection of the grown look-ahead and a step are expected to cost no more than
-    /// half of what a tick allows itself: the tick may need both twice. A path twice as long is
-    /// taken to have three times the pairs: a wall may come into reach.
-    fn may_grow(&self, tick: &TickSteps<'_>) -> bool {
-        let faces = self.collection.cost() - self.collection.node_pairs;
-        let cost = self.collection.cost() + 2 * faces + self.step_cost;
-        cost <= tick.allowance / 2 && self.near.is_half_empty()
-    }
-
-    /// Whether fewer candidates than now can't be collected.
-    fn is_shortest(&self) -> bool {
-        self.look_ahead <= SHORTEST * self.shape.gyration
-    }
-
-    /// Reduces the look-ahead of later collections.
-    fn shorten_look_ahead(&mut self) {
-        self.look_ahead = (self.look_ahead / CHANGE).max(SHORTEST * self.shape.gyration);
-    }
-
     /// The budget is spent before the end of a step. What earlier steps of the tick reached stays;
-    /// if there is none and the step alone spent it, the look-ahead shrinks.
+    /// if there is none, the look-ahead shrinks, since a collection and a step do not fit a tick.
+    /// Where the step alone spent it, its candidates are too many.
     fn run_short(&mut self, has_collected: bool, answer: &mut ToolAdvance) {
         if answer.steps > 1 {
             return;
         }
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
         // Where there can't be fewer candidates, what was found of them serves the next tick.
-        let goes_on = self.is_shortest() && self.contacts.are_of(&self.near, &self.at);
+        let goes_on = self.look_ahead.is_shortest() && self.contacts.are_of(&self.near, &self.at);
+        self.look_ahead.shorten();
         if !(has_collected || goes_on) {
-            self.shorten_look_ahead();
             self.invalidate();
         }
     }
@@ -436,14 +394,15 @@ impl ToolProxy {
     ) -> bool {
         let (offset, radius) = (tick.offset, self.shape.radius);
         let length = path.farthest(radius);
-        let skin = tick.look_around.min(self.look_ahead) + SKIN_SHARE * length;
+        let skin = tick.look_around.min(self.look_ahead.length()) + SKIN_SHARE * length;
         let tube = LookAheadTube::along(self.at, path, offset, skin, &self.shape);
         self.stops.clear();
         let limit = &mut tick.limit.part(answer.spent, most);
         let (ending, work) = self.near.collect(tick.surface, &self.shape, tube, limit);
         answer.work.add(work);
         answer.spent += work.cost();
-        self.collection = work;
+        self.collection_cost = work.cost();
+        self.look_ahead.note(work.cost(), 0.0);
         self.has_unused_collection = false;
         if self.near.tube.left() <= offset {
             // The budget is spent, or too many faces are within the contact offset.
@@ -453,25 +412,8 @@ impl ToolProxy {
             };
             return false;
         }
-        self.adjust_look_ahead(tick, work);
         self.has_unused_collection = true;
         answer.ending = Ending::Complete;
         true
-    }
-
-    /// The look-ahead of the next collection. The cost of face pairs grows with the path, that of
-    /// the descent hardly: a motion costs least where both are about equal. In free air a long path
-    /// would arrive at many faces at once.
-    fn adjust_look_ahead(&mut self, tick: &TickSteps<'_>, work: PairWork) {
-        let (descent, faces) = (work.node_pairs, work.cost() - work.node_pairs);
-        let is_costly = work.cost() + self.step_cost > tick.allowance || !self.near.is_half_empty();
-        let needed = AHEAD * self.pace;
-        let longest = LONGEST * self.shape.gyration;
-        if is_costly || faces > 2 * descent || faces == 0 {
-            let shorter = (self.look_ahead / CHANGE).max(needed);
-            self.look_ahead = self.look_ahead.min(shorter);
-        } else if descent > 2 * faces && self.look_ahead < longest && self.may_grow(tick) {
-            self.look_ahead *= CHANGE;
-        }
     }
 }

@@ -45,7 +45,7 @@ impl Neighbourhood {
         // In the tool's frame straight paths are bent.
         let path = RelativePath::new(centres, [self.rotation, self.end_rotation]);
         let bend = tube.bend_seen(tube.straight_margin());
-        let (ending, mut work, resume) = for_each_near_pair(
+        let (ending, work, resume) = for_each_near_pair(
             &surface,
             &shape.blocks,
             &path,
@@ -79,10 +79,6 @@ impl Neighbourhood {
             resume,
         };
         self.finish_collection(ending, partial);
-        if ending == Ending::Complete && !self.changed_since.is_empty() {
-            let left = limit.max_work().saturating_sub(work.cost());
-            work.add(self.take_up_changes(surface, shape, left));
-        }
         (ending, work)
     }
 
@@ -94,36 +90,11 @@ impl Neighbourhood {
             return partial;
         }
         self.clear();
-        self.changed_since.clear();
         PartialCollection {
             tube,
             margin: tube.straight_margin(),
             resume: Resume::START,
         }
-    }
-
-    /// Notes faces that change during an unfinished collection, for its end. False if none is
-    /// unfinished, or they are too many.
-    pub fn note_changed(&mut self, changed: &[Handle]) -> bool {
-        let fit = self.changed_since.len() + changed.len() <= MAX_SURFACE_FACES;
-        if self.partial.is_some() && fit {
-            self.changed_since.extend(changed);
-            return true;
-        }
-        false
-    }
-
-    /// Updates the pairs of a collection where the surface changed since it began; nothing is known
-    /// if that costs more than `most`.
-    fn take_up_changes(&mut self, surface: Surface<'_>, shape: &ToolShape, most: u32) -> PairWork {
-        let changed = std::mem::take(&mut self.changed_since);
-        let (known, work) = self.update(surface, shape, &changed, most);
-        self.changed_since = changed;
-        self.changed_since.clear();
-        if known.is_none() {
-            self.invalidate();
-        }
-        work
     }
 
     /// Ends or interrupts a collection.
