@@ -53,7 +53,6 @@ pub const CASES: &[Case] = &[
     Case {
         facts: "issue 23: screw thread",
         runs: "thread of 2 mm pitch, 64 sides (6 um), 0.1 mm of radial play; two turns in and out, 0.2 mm off the axis",
-        open: FAST,
         ..of("screw-thread", HOLE, 1.0, Mutant::ToolPairs, screw_in)
     },
     Case {
@@ -135,9 +134,6 @@ pub const CASES: &[Case] = &[
     },
 ];
 
-/// Why a screw may jam.
-const FAST: &str = "at six turns a second the tool lags in the thread, in --full by half a turn; then the shorter way \
-                    round is the wrong one (issue 23, item 1)";
 const HOLE: &str = "behind at the ends of a stroke, of 0.05 mm; infinite where a face is passed";
 
 /// A tool that goes into something, and what is asked of it.
