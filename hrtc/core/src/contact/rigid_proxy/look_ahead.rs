@@ -16,8 +16,8 @@ const FEW: f64 = 4.0;
 /// Growth of the length, and its reduction.
 const CHANGE: f64 = 2.0;
 /// The part of the length that the tool must have moved for it to count as tried: a path that the
-/// tool's rotation bends is shorter than the length. By a copy of the measure of `rt-tests tools`
-/// on dragon, bunny, relief and comb, 0.3 to 0.9 differ less than the seeds.
+/// tool's rotation bends is shorter than the length. On dragon, bunny, relief and comb (a copy of
+/// the measure of `rt-tests tools`, with longer paths allowed) 0.3 to 0.9 differ less than seeds.
 const TRIED: f64 = 0.5;
 
 /// Length of the path of the next collection, and what the last one brought. Model units.
@@ -59,13 +59,12 @@ impl LookAhead {
         self.length <= self.shortest
     }
 
-    /// Begins a collection: finds its length. `is_behind`: whether the tool lags. `needed`: the
-    /// path for which a tick needs candidates.
-    pub(super) fn begin(&mut self, is_behind: bool, needed: f64) {
+    /// Begins a collection: finds its length. `needed`: the path for which a tick needs candidates.
+    pub(super) fn begin(&mut self, is_lagging: bool, needed: f64) {
         let (cost, moved) = (self.cost.max(1), self.moved);
         if moved > TRIED * self.length {
             let now = moved / f64::from(cost);
-            self.is_growing = !is_behind || self.is_growing ^ (now < self.before);
+            self.is_growing = !is_lagging || self.is_growing ^ (now < self.before);
             self.before = now;
             let length = if self.is_growing {
                 CHANGE * self.length

@@ -168,8 +168,9 @@ impl ToolProxy {
         }
         let is_new = !self.near.has_partial_collection();
         if is_new {
-            let is_behind = self.device_travel > tick.travelled;
-            self.look_ahead.begin(is_behind, needed);
+            // Since the proxy last reached the device, that has moved in earlier ticks, too.
+            let is_lagging = self.device_travel > tick.travelled;
+            self.look_ahead.begin(is_lagging, needed);
         }
         let length = self.look_ahead.length();
         let share = self.share_to(likely, length, tick.look_around);
@@ -361,7 +362,7 @@ impl ToolProxy {
 
     /// The budget is spent before the end of a step. What earlier steps of the tick reached stays;
     /// if there is none, the look-ahead shrinks, since a collection and a step do not fit a tick.
-    /// Where the step alone spent it, its candidates are too many.
+    /// Candidates for which not even the step fits are dropped.
     fn run_short(&mut self, has_collected: bool, answer: &mut ToolAdvance) {
         if answer.steps > 1 {
             return;
