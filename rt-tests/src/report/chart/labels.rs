@@ -6,10 +6,15 @@ use super::{CHARACTER, Frame};
 /// Height of a line of text, pixels.
 const LINE: f64 = 13.0;
 
-/// The rectangles that are taken: left, top, right, bottom.
+/// Points that are drawn over each other, pixels.
+const SAME: f64 = 4.0;
+
+/// The rectangles that are taken (left, top, right, bottom), and the points that words may be of.
 #[derive(Debug, Default)]
 pub struct Taken {
     boxes: Vec<[f64; 4]>,
+    /// The points of the curves.
+    points: Vec<(f64, f64)>,
 }
 
 impl Taken {
@@ -27,7 +32,21 @@ impl Taken {
                 }
             }
             last = Some((px, py));
+            self.points.push((px, py));
         }
+    }
+
+    /// Whether words in a rectangle read as those of the point at `at`: no other point is nearer,
+    /// unless it is drawn at the same place.
+    fn belongs_to(&self, at: (f64, f64), [left, top, right, bottom]: [f64; 4]) -> bool {
+        let away = |(x, y): (f64, f64)| {
+            let (aside, over) = (x - x.clamp(left, right), y - y.clamp(top, bottom));
+            aside.hypot(over)
+        };
+        let is_other = |&&(x, y): &&(f64, f64)| (x - at.0).hypot(y - at.1) > SAME;
+        let own = away(at);
+        let others = self.points.iter().filter(is_other);
+        others.copied().all(|point| away(point) > own)
     }
 
     /// Writes words beside a point in the first free place; whether there is one.
@@ -54,7 +73,7 @@ impl Taken {
             let is_free = self.boxes.iter().all(|other| {
                 mine[2] < other[0] || other[2] < mine[0] || mine[3] < other[1] || other[3] < mine[1]
             });
-            if is_inside && is_free {
+            if is_inside && is_free && self.belongs_to(at, mine) {
                 words(svg, (left, base), "start", more, text);
                 self.boxes.push(mine);
                 return true;

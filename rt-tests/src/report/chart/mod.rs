@@ -492,6 +492,29 @@ mod tests {
     }
 
     #[test]
+    fn words_stand_nearest_to_their_own_point() {
+        // Two points so near each other that words beside the first would read as the second's.
+        let mut curve = Curve::new(
+            "c",
+            COLORS[0],
+            Stroke::Line,
+            [(0.0, 9.0), (0.6, 8.5), (9.0, 0.0)],
+        );
+        curve.points[0].2 = "10 mm, the first".to_owned();
+        curve.points[1].2 = "1 mm".to_owned();
+        let x = Axis::linear("time, s", xs(std::slice::from_ref(&curve)));
+        let y = Axis::linear("error", ys(std::slice::from_ref(&curve)));
+        let svg = grid(
+            &[Chart::new("t", x, y, vec![curve])],
+            1,
+            400.0,
+            Ground::Paper,
+        );
+        assert!(svg.contains("1 mm<"), "{svg}");
+        assert!(!svg.contains("the first"), "{svg}");
+    }
+
+    #[test]
     fn curves_that_begin_together_are_each_named() {
         let end = |x: f64| [(0.0, 9.0), (0.1, 8.9), (x, 5.0), (x, 0.0)];
         let curves: Vec<_> = [("first", 3.0), ("second", 6.0), ("third", 9.0)]
