@@ -6,7 +6,7 @@ use crate::failure::Failure;
 use crate::report::quantile::median;
 use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::SceneModel;
-use hrtc_core::contact::sphere_proxy::CONVERGED_WITHIN;
+use hrtc_core::contact::sphere_proxy::SAME_WITHIN;
 use hrtc_core::record::max_or_nan;
 
 /// What is certified beside what is true, on scans; 3 on meshes without noise.
@@ -15,11 +15,11 @@ const TIGHT: f64 = 5.0;
 /// At tolerance 0 contacts equal the full mesh's to this share of the diagonal.
 const EQUAL: f64 = 1e-9;
 
-/// The share of the greatest force to which forces equal the full mesh's: a ball that has converged
-/// in two ways around an edge, since the same faces come in another order, may be so far apart.
+/// The share of the greatest force to which forces equal the full mesh's: where the same faces come
+/// in another order, a ball reaches its place in another way.
 fn equal_forces(model: &SceneModel, reference: &Reference) -> f64 {
     let stiffness_n_per_m = model.plan.objects[0].surface.stiffness_n_per_m;
-    let apart_m = 2.0 * CONVERGED_WITHIN * model.plan.probes[0].shape.tip_m();
+    let apart_m = SAME_WITHIN * model.plan.probes[0].shape.tip_m();
     stiffness_n_per_m * apart_m / reference.force_max()
 }
 
