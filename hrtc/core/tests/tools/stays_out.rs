@@ -263,9 +263,10 @@ fn what_changes_in_each_tick_is_known_after_some() {
     /// A sixth of the least that a scene gives, so that few faces take several ticks.
     const BUDGET: u32 = 2000;
     const TICKS: u32 = 200;
-    /// Ticks in which the tool may know nothing, and that may end within their first step
-    /// (measured: 20 and 96; 152 and 197 where the look-ahead never becomes shorter).
-    const MOST: u32 = 40;
+    /// Ticks at whose end the tool may know nothing, amid a collection, and that may end within
+    /// their first step (measured: 69 and 96; 135 and 175 where the look-ahead never becomes
+    /// shorter).
+    const MOST: u32 = 100;
     const MOST_UNFINISHED: u32 = 150;
     for (name, parts) in models(6000) {
         let mut front = Front::new(&parts, 60, &mut Random::new(1));

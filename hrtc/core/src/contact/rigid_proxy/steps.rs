@@ -361,18 +361,22 @@ impl ToolProxy {
         self.has_unused_collection = false;
     }
 
-    /// The budget is spent before the end of a step. What earlier steps of the tick reached stays;
-    /// if there is none, the look-ahead shrinks, since a collection and a step do not fit a tick.
-    /// Candidates for which not even the step fits are dropped.
+    /// The budget is spent before the end of a step. What earlier steps of the tick reached stays.
+    /// After a collection, the next tick has all of its budget for the step: what a collection costs
+    /// may hardly depend on the look-ahead. If that does not suffice, the candidates are too many:
+    /// they are dropped, and the look-ahead shrinks.
     fn run_short(&mut self, has_collected: bool, answer: &mut ToolAdvance) {
         if answer.steps > 1 {
             return;
         }
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
+        if has_collected {
+            return;
+        }
         // Where there can't be fewer candidates, what was found of them serves the next tick.
         let goes_on = self.look_ahead.is_shortest() && self.contacts.are_of(&self.near, &self.at);
         self.look_ahead.shorten();
-        if !(has_collected || goes_on) {
+        if !goes_on {
             self.invalidate();
         }
     }
