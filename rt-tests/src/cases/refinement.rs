@@ -398,8 +398,8 @@ fn folded_ball() -> Result<Vec<u8>, Failure> {
     spm(&parts)
 }
 
-/// A press along `up`, until its contact is at full resolution. Returns the splits that were
-/// refused.
+/// A press along `up`, until its contact is at full resolution, that follows a surface which sinks
+/// by more than its depth. Returns the splits that were refused.
 fn refined_over_folds(
     bytes: &[u8],
     setup: Setup,
@@ -407,14 +407,23 @@ fn refined_over_folds(
     found: &mut Found,
 ) -> Result<u32, Failure> {
     let (mut bench, height) = over(bytes, setup, up, setup.size_m)?;
-    let down = press(&mut bench, up, height);
+    let mut down = press(&mut bench, up, height);
     let before = bench.touch(up * down).force;
     bench.ask(0.0);
     let (mut refused, mut passed) = (0, 0);
     let mut changes = Changes::new(&setup, before);
-    for _ in 0..setup.ticks(MAX_FOLD_MS) {
+    let step = STEP_M * setup.ms(1);
+    let mut own = 0.0;
+    // A force that changes by no more than is not felt moves a stiffer surface more slowly.
+    let most = setup.ticks(MAX_FOLD_MS) as f64 * setup.stiffer().max(1.0);
+    for _ in 0..most as u64 {
         let response = bench.touch(up * down);
-        found.most(changes.add(response.force, 0.0));
+        found.most(changes.add(response.force, own));
+        own = 0.0;
+        if !response.record.contact {
+            down -= step;
+            own = setup.stiffness_n_per_m * step;
+        }
         refused += response.record.rejected_folds;
         passed += response.record.passed_folds;
         let is_full = response.record.contact_full && response.record.geomorphing == 0;
