@@ -13,8 +13,8 @@ const MIN_SEPARATION: f64 = 0.5;
 /// Deviation from the expected path that the look-ahead tube allows, beside a share of the path, as
 /// a fraction of the radius of gyration.
 const LOOK_AROUND: f64 = 2e-3;
-/// That share of the path. By `rt-tests tools` (dragon and comb, 6 seeds of 8 s) 1.8 and 18 % of the
-/// ticks end behind, with 0.03 1.7 and 18 %; with 0.1, 0.2, 0.4 and 0.8 (3 seeds) ever more.
+/// That share of the path. By `rt-tests tools` (dragon and comb, 6 seeds of 8 s) 1.8 and 18 % of
+/// the ticks end behind, with 0.03 1.7 and 18 %; with 0.1, 0.2, 0.4 and 0.8 (3 seeds) ever more.
 const SKIN_SHARE: f64 = 0.05;
 /// Length of the path for which a tick must know the candidates, in units of the device's motion.
 /// By `rt-tests tools` (dragon, bunny) 2 costs 2 to 3 % less in the median tick than 1.5.
@@ -162,8 +162,8 @@ impl ToolProxy {
         if !tick.did_not_move && covers {
             return Next::Step;
         }
-        // One that ends in another tick leaves this one without candidates; without time for a step,
-        // the next tick begins with it.
+        // One that ends in another tick leaves this one without candidates; without time for a
+        // step, the next tick begins with it.
         if !tick.may_go_on(answer, self.collection_cost) {
             return Next::End;
         }
@@ -362,9 +362,9 @@ impl ToolProxy {
     }
 
     /// The budget is spent before the end of a step. What earlier steps of the tick reached stays.
-    /// After a collection, the next tick has all of its budget for the step: what a collection costs
-    /// may hardly depend on the look-ahead. If that does not suffice, the candidates are too many:
-    /// they are dropped, and the look-ahead shrinks.
+    /// After a collection, the next tick has all of its budget for the step: what a collection
+    /// costs may hardly depend on the look-ahead. If that does not suffice, the candidates are too
+    /// many: they are dropped, and the look-ahead shrinks.
     fn run_short(&mut self, has_collected: bool, answer: &mut ToolAdvance) {
         if answer.steps > 1 {
             return;

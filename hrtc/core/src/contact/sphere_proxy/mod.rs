@@ -45,8 +45,8 @@ const SERIES: f64 = 0.9;
 /// How far a converged ball may be from where its steps lead, as a fraction of its radius: the rest
 /// of a geometric series around an edge whose last step was short enough to end the tick.
 const CONVERGED_WITHIN: f64 = CONVERGED / (1.0 - SERIES);
-/// How far apart a ball may be that reaches the same place in two ways, as a fraction of its radius:
-/// neither has converged farther, and one may be within the next face by the skin.
+/// How far apart a ball may be that reaches the same place in two ways, as a fraction of its
+/// radius: neither is farther from converged, and one may be within the next face by the skin.
 pub const SAME_WITHIN: f64 = 2.0 * CONVERGED_WITHIN + SKIN;
 /// Steps per tick; the next tick does the remaining work, from a safe position.
 const STEPS: usize = 8;
