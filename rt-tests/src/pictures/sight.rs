@@ -18,8 +18,11 @@ const MIN_EXTENT: f64 = 0.8;
 const MAX_SHARE: f64 = 0.3;
 /// A close-up looks so far above the contact, half widths: there the force is.
 const RAISED: f64 = 0.15;
-/// Room for an arrow above a touch in the overview, as a share of the object's reach from there.
-const ARROW_ROOM: f64 = 0.3;
+/// Length of the arrow of a normal, half widths of the picture.
+pub const NORMAL_LENGTH: f64 = 0.8;
+/// Fits of an overview that has room for its arrows, whose length follows from the fit: each is off
+/// by at most half as much as the one before.
+const FITS: usize = 5;
 /// The close-up shows this share of the original faces' area, with as much around it.
 const ORIGINAL_SHARE: f64 = 0.8;
 const AROUND_ORIGINAL: f64 = 1.3;
@@ -92,13 +95,19 @@ impl Sight {
         let objects = moment.objects.iter();
         let objects = objects.filter(|of| touched.contains(&of.object));
         let corners = objects.flat_map(|of| of.faces.iter().flat_map(|face| face.corners));
-        let probes = moment.probes.iter().filter(|probe| probe.touch.is_some());
-        let tips = probes.filter_map(|probe| {
-            let at = probe.position()?;
-            let room = ARROW_ROOM * reach(touched_faces(moment, probe), at);
-            Some(at + room * upwards(probe))
-        });
-        Camera::around(corners.chain(tips), self.eye, self.up, aspect)
+        let corners: Vec<DVec3> = corners.collect();
+        let around = |tips: &[DVec3]| {
+            let points = corners.iter().chain(tips).copied();
+            Camera::around(points, self.eye, self.up, aspect)
+        };
+        let mut camera = around(&[]);
+        for _ in 0..FITS {
+            let length = NORMAL_LENGTH * camera.half_width();
+            let probes = moment.probes.iter().filter(|probe| probe.touch.is_some());
+            let tips = probes.filter_map(|probe| Some(probe.position()? + length * upwards(probe)));
+            camera = around(&tips.collect::<Vec<_>>());
+        }
+        camera
     }
 
     /// A camera that looks at a touch from near.

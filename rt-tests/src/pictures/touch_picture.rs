@@ -2,7 +2,7 @@
 
 use super::legend::{self, BACKGROUND, DEVICE, FORCE, FREE, GREY, INK, NORMAL, PROXY, of_fineness};
 use super::moment::{Body, Fineness, Moment, ShownProbe};
-use super::sight::{Sight, half_width};
+use super::sight::{NORMAL_LENGTH, Sight, half_width};
 use super::trail::PathPoint;
 use crate::report::units::{digits, grouped, length};
 use geometry::Pose;
@@ -22,10 +22,9 @@ const EDGES: f64 = 0.38;
 /// Radius of a path, and of the shaft of an arrow, half widths of the panel.
 const PATH: f64 = 0.006;
 const SHAFT: f64 = 0.011;
-/// Length of an arrow of the greatest force, and of a normal, half widths: a normal is seen beyond
-/// the force that it mostly points along.
+/// Length of an arrow of the greatest force, half widths: the normal, which it mostly points along,
+/// is seen beyond it.
 const FORCE_LENGTH: f64 = 0.62;
-const NORMAL_LENGTH: f64 = 0.8;
 /// The least radius of a probe in the overview, half widths, so that it is seen.
 const LEAST_BALL: f64 = 0.018;
 /// Width of the scale bar, at most, as a share of the panel.
