@@ -56,9 +56,9 @@ impl Positions {
 
 /// The next of three values: of a monotone sequence it goes on by the last change, or by twice the
 /// one before where that is less, of any other it is the median. So one value that is out of line
-/// counts neither as a value nor as a change, whether it is by rounding on one side or on the other.
-/// Each change may be larger than the one before, where a spring takes up a device that comes at
-/// speed: a limit by the lesser of both would be late by a period.
+/// counts neither as a value nor as a change, whether it is by rounding on one side or on the
+/// other. Each change may be larger than the one before, where a spring takes up a device that
+/// comes at speed: a limit by the lesser of both would be late by a period.
 #[must_use]
 pub fn next_of([earlier, before, now]: [f64; 3]) -> f64 {
     let (first, second) = (before - earlier, now - before);
