@@ -192,7 +192,7 @@ fn passivity(trial: Trial<'_>, held: &Held) -> Result<Found, Failure> {
                 found.most(tool.device().work_j - excused_j);
             }
         }
-        found.must(torque_nm > MIN_TORQUE_NM);
+        found.must(torque_nm > MIN_TORQUE_NM * defaults.stiffer().min(1.0));
     }
     Ok(found)
 }

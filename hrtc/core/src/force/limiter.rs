@@ -89,6 +89,12 @@ impl ForceLimiter {
         self.force.most
     }
 
+    /// Largest change in a tick: of the force, newtons, and of the torque, newton metres.
+    #[must_use]
+    pub fn most_changes(&self) -> [f64; 2] {
+        [self.force.step, self.torque.step]
+    }
+
     /// One tick. The ramp rises to 1 while `open`, and falls to 0 otherwise. A wrench that is not
     /// finite counts as zero.
     pub fn pass(&mut self, wanted: Wrench, open: bool) -> LimitedWrench {

@@ -1,5 +1,6 @@
 //! From contact to wrench: effects, then the energy account, then the force limiter.
 
+pub mod device_motion;
 pub mod effects;
 pub mod limiter;
 pub mod passivity;

@@ -7,7 +7,8 @@
 //!
 //! With the force f, the torque t, the position x of the device and its rotation vector θ in the
 //! period, the energy that the rendering has put out is exact under zero-order hold:
-//! `E[k+1] = E[k] + f[k] · (x[k+1] - x[k]) + t[k] · θ - W_carried`. Two sums are kept: of the whole
+//! `E[k+1] = E[k] + f[k] · (x[k+1] - x[k]) + t[k] · θ - W_carried`. Position and rotation are those
+//! within the encoder's steps ([`super::device_motion`]). Two sums are kept: of the whole
 //! wrench for the record, and since the start of the contact of the passive wrench, for the limit.
 //!
 //! # Limit
@@ -26,7 +27,8 @@
 //! - Account: `share W` is at most the energy that the contact has taken in.
 //! - Slew: the force limiter behind the account lets a force F fall by at most s in a tick. It is
 //!   scaled so far that the energy taken in also pays for its work while it falls to zero, about
-//!   `u F² / 2 s` at a motion u in a tick. That begins where `K v` is above the slew limit.
+//!   `u F² / 2 s` at a motion u in a tick. That begins where `K v` is above the slew limit. The
+//!   same holds for a torque.
 //!
 //! The force is never reversed, so a surface does not stick.
 //!
@@ -64,7 +66,7 @@
 //! out beyond the energy taken in, but only while the device moves, and only what is given of late
 //! (`RAISED_FADES_S`). A device that stands and is withdrawn later gets none of it.
 
-use super::positions::{Positions, next_of};
+use super::device_motion::DeviceMotion;
 use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
 use crate::tuning::force::{
     EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, VELOCITY_WINDOW_S,
@@ -76,12 +78,7 @@ use mutants::{Mutant, is};
 /// Observes the energy that the rendering puts out, and limits the passive wrench by it.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct EnergyAccount {
-    /// Step of the encoder, metres; 0 for none. A way back of up to two, but for rounding, is noise
-    /// and does no work on the limited part. The same holds for the orientation and its step.
-    encoder_m: f64,
     period_s: f64,
-    /// Longest window of the velocity estimate, periods.
-    window: usize,
     /// Energy put out by the whole wrench, joules.
     joules: f64,
     /// Energy put out by the limited part since the contact began, joules; after it, what is left
@@ -101,28 +98,15 @@ pub struct EnergyAccount {
     wrench: Wrench,
     /// Its limited part.
     limited: Wrench,
-    /// `None` before the first sample.
-    positions: Option<Positions>,
-    /// Position up to which the limited part has done its work, metres.
-    worked_to: DVec3,
-    /// The last displacement there along each axis, metres.
-    course: DVec3,
-    /// Periods since then.
-    still: [u64; 3],
-    /// Estimated motion in a period, metres: now, one and two periods ago.
-    motion: [DVec3; 3],
+    /// Metres.
+    translation: DeviceMotion,
+    /// Radians: the sum of the rotation vectors of all periods.
+    rotation: DeviceMotion,
     /// Orientation at the newest sample.
     orientation: DQuat,
-    /// Rotation vector of a period, radians, without the noise of the encoder.
-    rotation: DVec3,
-    /// Step of the measured orientation, radians; 0 for none.
-    encoder_rad: f64,
-    /// Rotation vector that has not done its work on the limited part, radians: noise.
-    unturned: DVec3,
-    /// The last rotation that has about each axis, radians.
-    turning: DVec3,
-    /// Largest change in a period of a force that has passed the account, newtons.
-    slew_n: f64,
+    /// Largest change in a period of a force, newtons, and of a torque, newton metres, that has
+    /// passed the account.
+    slew: [f64; 2],
 }
 
 /// Work of the wrenches on the device over the motion of the surface's material; 0 at rest.
@@ -192,10 +176,9 @@ impl EnergyAccount {
     /// An empty account. `encoder_m`: step of the device's encoder, metres; 0 for none.
     #[must_use]
     pub fn new(encoder_m: f64, period_s: f64) -> Self {
+        let window = (VELOCITY_WINDOW_S / period_s).round().max(1.0) as usize;
         Self {
-            encoder_m,
             period_s,
-            window: (VELOCITY_WINDOW_S / period_s).round().max(1.0) as usize,
             joules: 0.0,
             contact_joules: 0.0,
             raised_j: 0.0,
@@ -205,33 +188,25 @@ impl EnergyAccount {
             stored_j: 0.0,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
-            positions: None,
-            worked_to: DVec3::ZERO,
-            course: DVec3::ZERO,
-            still: [0; 3],
-            motion: [DVec3::ZERO; 3],
+            translation: DeviceMotion::new(encoder_m, window),
+            rotation: DeviceMotion::new(0.0, window),
             orientation: DQuat::IDENTITY,
-            rotation: DVec3::ZERO,
-            encoder_rad: 0.0,
-            unturned: DVec3::ZERO,
-            turning: DVec3::ZERO,
-            slew_n: f64::INFINITY,
+            slew: [f64::INFINITY; 2],
         }
     }
 
-    /// The same before a limit of the force's change in a tick, newtons.
+    /// The same before a limit of the change in a tick: of the force, newtons, and of the torque,
+    /// newton metres.
     #[must_use]
-    pub fn with_slew(self, slew_n: f64) -> Self {
-        Self { slew_n, ..self }
+    pub fn with_slew(self, slew: [f64; 2]) -> Self {
+        Self { slew, ..self }
     }
 
     /// The same with a step of the measured orientation, radians.
     #[must_use]
     pub fn with_angular_step(self, encoder_rad: f64) -> Self {
-        Self {
-            encoder_rad,
-            ..self
-        }
+        let rotation = self.rotation.with_step(encoder_rad);
+        Self { rotation, ..self }
     }
 
     /// Adds the work of the last wrench, from the pose of the device (world, metres) at the end of
@@ -245,56 +220,30 @@ impl EnergyAccount {
         [elapsed, periods]: [u64; 2],
         [carried, limited]: [f64; 2],
     ) {
-        let position = pose.position;
         let turn = pose.orientation * self.orientation.inverse();
         self.orientation = pose.orientation;
-        let Some(positions) = &mut self.positions else {
-            self.positions = Some(Positions::at(position));
-            (self.worked_to, self.course) = (position, DVec3::ZERO);
+        // At most half a turn.
+        let turned = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
+        let turned_to = self.rotation.newest().unwrap_or_default() + turned;
+        let moved = self.translation.moved_to(pose.position, [elapsed, periods]);
+        let turned = self.rotation.moved_to(turned_to, [elapsed, periods]);
+        let (Some(moved), Some(turned)) = (moved, turned) else {
             return;
         };
         let Wrench { force, torque } = self.wrench;
-        // At most half a turn.
-        let turned = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
-        let work = force.dot(position - positions.newest()) + torque.dot(turned);
+        let work = force.dot(moved.displacement) + torque.dot(turned.displacement);
         self.joules += work - carried;
-        positions.add(position, [elapsed, periods]);
-        let estimated = positions.motion(self.encoder_m, self.window);
-        let beyond = position - self.worked_to;
-        let noise = 2.0 * self.encoder_m + MOTION_ROUNDING * position.abs().max_element();
-        let motion = without_noise(beyond, noise, &mut self.course);
-        self.worked_to += motion;
-        self.unturned += turned;
-        let rotation = without_noise(self.unturned, 2.0 * self.encoder_rad, &mut self.turning);
-        self.unturned -= rotation;
-        self.rotation = rotation / periods as f64;
         let Wrench { force, torque } = self.limited;
-        let work = force.dot(motion) + torque.dot(rotation);
+        let work = force.dot(moved.counted) + torque.dot(turned.counted);
         let lost = work - limited;
         let of_raised = lost.clamp(0.0, self.raised_j);
         self.raised_j -= of_raised;
         self.given_j += of_raised;
         self.contact_joules += lost - of_raised;
-        let lasting = self.without_noise_at_rest(estimated, motion, elapsed);
-        self.motion = [lasting, self.motion[0], self.motion[1]];
-        if estimated == DVec3::ZERO && turned == DVec3::ZERO {
+        if moved.is_at_rest && turned.is_at_rest {
             // It does not give way.
             self.raised_j = 0.0;
         }
-    }
-
-    /// An estimated motion without that along axes on which nothing was counted, `motion`, for
-    /// long.
-    fn without_noise_at_rest(&mut self, estimated: DVec3, motion: DVec3, elapsed: u64) -> DVec3 {
-        let mut lasting = estimated;
-        for axis in 0..3 {
-            let still = self.still[axis].saturating_add(elapsed);
-            self.still[axis] = if motion[axis] == 0.0 { still } else { 0 };
-            if self.encoder_m > 0.0 && self.still[axis] > self.window as u64 {
-                lasting[axis] = 0.0;
-            }
-        }
-        lasting
     }
 
     /// So much time has passed, seconds: what surfaces gave fades, and the excess of a contact that
@@ -309,10 +258,8 @@ impl EnergyAccount {
 
     /// The next pose is no motion: no work leads there. The sums stay.
     pub fn go_to_new_place(&mut self) {
-        self.positions = None;
-        self.motion = [DVec3::ZERO; 3];
-        (self.rotation, self.unturned) = (DVec3::ZERO, DVec3::ZERO);
-        self.turning = DVec3::ZERO;
+        self.translation.go_to_new_place();
+        self.rotation.go_to_new_place();
     }
 
     /// Permitted share, 0 to 1, of a wanted passive wrench. It is called after [`Self::moved_to`]
@@ -329,7 +276,8 @@ impl EnergyAccount {
         self.raised_j += spring.raised_j.min(unpaid);
         let next = self.next();
         let pushed = wanted.force.dot(next) - ahead.pushed_j;
-        let work = pushed + (wanted.torque.dot(self.rotation) - ahead.turned_j);
+        let turned = wanted.torque.dot(self.rotation.next()) - ahead.turned_j;
+        let work = pushed + turned;
         let size = wanted.force.length();
         let taken_in = self.raised_j - self.contact_joules;
         let moves_away = work > self.rounding(size, ahead);
@@ -364,11 +312,11 @@ impl EnergyAccount {
         // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
         // Two encoder steps of error in the balance are tolerated.
-        let steps = size * self.encoder_m + wanted.torque.length() * self.encoder_rad;
+        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
         let unpaid = spring.stored_j - taken_in - 2.0 * steps;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         let taken_in = taken_in.max(0.0);
-        let with_fall = work + self.work_of_fall(wanted.force, work);
+        let with_fall = work + self.work_of_fall(wanted, [pushed, turned]);
         let payable = if with_fall > work {
             // The work of the fall is at least quadratic in the force.
             (taken_in / with_fall).sqrt()
@@ -402,18 +350,12 @@ impl EnergyAccount {
         work - released
     }
 
-    /// Work, joules, of a force after the coming period, in which it does `work`, while it falls to
-    /// zero as fast as it may and the device goes on as it does. Over n = F / s periods of a motion
-    /// u that grows by a: `Σ (F - k s) (u + k a)`, k = 1 to n, hence
-    /// `u F (n - 1) / 2 + a F n² / 6`.
-    fn work_of_fall(&self, force: DVec3, work: f64) -> f64 {
-        let size = force.length();
-        let periods = size / self.slew_n;
-        if periods <= 1.0 {
-            return 0.0;
-        }
-        let growth = (self.next() - self.motion[0]).dot(force).max(0.0);
-        0.5 * work * (periods - 1.0) + growth * periods * periods / 6.0
+    /// Work, joules, of a wrench after the coming period, in which its force and its torque do
+    /// `works`, while both fall to zero as fast as they may.
+    fn work_of_fall(&self, wrench: Wrench, works: [f64; 2]) -> f64 {
+        let [slew_n, slew_nm] = self.slew;
+        let force = work_of_fall(wrench.force, works[0], &self.translation, slew_n);
+        force + work_of_fall(wrench.torque, works[1], &self.rotation, slew_nm)
     }
 
     /// Bound of the rounding error in the work relative to a moving surface, joules; 0 for a
@@ -422,7 +364,7 @@ impl EnergyAccount {
         if ahead == CarriedWork::default() {
             return 0.0;
         }
-        let place = self.positions.map_or(0.0, |of| of.newest().length());
+        let place = self.translation.newest().unwrap_or_default().length();
         let terms = force * place + ahead.pushed_j.abs() + ahead.turned_j.abs();
         MOTION_ROUNDING * terms
     }
@@ -465,9 +407,7 @@ impl EnergyAccount {
     /// Extrapolated motion in the coming period, metres.
     #[must_use]
     pub fn next(&self) -> DVec3 {
-        let [now, before, earlier] = self.motion;
-        let along = |k: usize| next_of([earlier[k], before[k], now[k]]);
-        DVec3::new(along(0), along(1), along(2))
+        self.translation.next()
     }
 
     /// Permitted share, 0 to 1, of a wanted force. At the end of the coming period the energy put
@@ -479,20 +419,20 @@ impl EnergyAccount {
             return 1.0;
         }
         // Two encoder steps of error in the balance are tolerated.
-        let noise = 2.0 * wanted.length() * self.encoder_m;
+        let noise = 2.0 * wanted.length() * self.translation.step();
         ((noise - self.contact_joules - stored_j) / work).clamp(0.0, 1.0)
     }
 
     /// An empty account of the same device.
     #[must_use]
     pub fn restarted(&self) -> Self {
-        Self::new(self.encoder_m, self.period_s).with_angular_step(self.encoder_rad)
+        Self::new(self.translation.step(), self.period_s).with_angular_step(self.rotation.step())
     }
 
     /// Estimated motion in the last period, metres, without the noise of the encoder.
     #[must_use]
     pub fn motion(&self) -> DVec3 {
-        self.motion[0]
+        self.translation.last()
     }
 
     /// Energy put out so far that surfaces gave by moving, joules.
@@ -508,21 +448,17 @@ impl EnergyAccount {
     }
 }
 
-/// Of a displacement (or rotation) since the last one that was counted: along each axis all of it
-/// where it goes on or is too long for noise, else nothing. A position that followed an encoder
-/// step behind would be late at every turn: a force that is less on the way in than on the way out
-/// would put out two steps of work unseen each time, for ever. `noise`: the longest way back that
-/// is none. `course`: the last one counted.
-fn without_noise(beyond: DVec3, noise: f64, course: &mut DVec3) -> DVec3 {
-    let mut motion = DVec3::ZERO;
-    for axis in 0..3 {
-        let along = beyond[axis];
-        if along * course[axis] > 0.0 || along.abs() > noise {
-            motion[axis] = along;
-            course[axis] = along;
-        }
+/// Work, joules, of a force (N) or torque (N m) after the coming period, in which it does `work`,
+/// while it falls to zero by `slew` a period and the device goes on as it does. Over n = F / s
+/// periods of a motion u that grows by a: `Σ (F - k s) (u + k a)`, k = 1 to n, hence
+/// `u F (n - 1) / 2 + a F n² / 6`.
+fn work_of_fall(force: DVec3, work: f64, motion: &DeviceMotion, slew: f64) -> f64 {
+    let periods = force.length() / slew;
+    if periods <= 1.0 {
+        return 0.0;
     }
-    motion
+    let growth = (motion.next() - motion.last()).dot(force).max(0.0);
+    0.5 * work * (periods - 1.0) + growth * periods * periods / 6.0
 }
 
 #[cfg(test)]

@@ -38,7 +38,7 @@ impl Positions {
 
     /// Motion a period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
     /// longest window, of `window` periods at the most, in which every position is within one
-    /// encoder step of the line between its ends.
+    /// encoder step of the line between its ends; over the last period without an encoder's step.
     #[must_use]
     pub fn motion(&self, encoder_m: f64, window: usize) -> DVec3 {
         let now = self.newest();
@@ -46,8 +46,9 @@ impl Positions {
             let a_period = (self.0[periods] - now) / periods as f64;
             (1..periods).all(|k| (now + a_period * k as f64).distance(self.0[k]) <= encoder_m)
         };
+        let longest = if encoder_m > 0.0 { window } else { 1 };
         let mut periods = 1;
-        while periods < window.min(MAX_VELOCITY_PERIODS) && even(periods + 1) {
+        while periods < longest.min(MAX_VELOCITY_PERIODS) && even(periods + 1) {
             periods += 1;
         }
         (now - self.0[periods]) / periods as f64

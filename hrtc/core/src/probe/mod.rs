@@ -151,6 +151,7 @@ impl Probe {
             }),
             TrajectoryPlan::Points(_) => None,
         };
+        let limiter = ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz);
         Self {
             tip_m: probe.shape.tip_m(),
             reach_m: probe.shape.extent_m(),
@@ -173,11 +174,11 @@ impl Probe {
             clamped: false,
             energy: EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz)
                 .with_angular_step(probe.device.rotation.map_or(0.0, |of| of.encoder_rad))
-                .with_slew(plan.safety.slew_n_per_s / plan.loop_.rate_hz),
+                .with_slew(limiter.most_changes()),
             carried: [0.0; 2],
             passivity: plan.safety.passivity,
             effects: SceneEffects::new(&plan.effects),
-            limiter: ForceLimiter::new(plan.safety, device_max_n, plan.loop_.rate_hz),
+            limiter,
             renders_torque: true,
             horizons: Horizons::new(plan.loop_.rate_hz),
             silence: 0,
