@@ -88,7 +88,7 @@ pub enum Mutant {
     Restless,
     /// The builder counts nothing that it drops.
     Rejects,
-    /// A tool passes every second face of the object.
+    /// A tool passes three of four faces of the object.
     ToolPairs,
     /// A tool has no torque.
     ToolTorque,

@@ -332,7 +332,7 @@ impl NearPairSearch<'_> {
         left: u32,
         visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
     ) -> Option<(Ending, Resume)> {
-        if is(Mutant::ToolPairs) && face % 2 == 1 {
+        if is(Mutant::ToolPairs) && face % 4 != 0 {
             return None;
         }
         let mut is_stopped = false;
