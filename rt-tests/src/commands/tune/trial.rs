@@ -36,6 +36,8 @@ pub struct Cost {
     pub bytes: f64,
     /// Bytes of the cache that were in use at most, and of fixed rings and stacks.
     pub memory_bytes: f64,
+    /// Records that left the cache for want of room.
+    pub evicted: u64,
     /// Share of the ticks in contact with a coarser front asked for than the tolerance, for want of
     /// time or room.
     pub coarser: f64,
@@ -155,7 +157,9 @@ impl Bench<'_> {
             return Err(failed(fault.as_deref().unwrap_or(NOTHING_TOUCHED)));
         }
         let high_water = simulation.controller().cache().bytes_high_water();
-        cost.bytes = simulation.outputs().record.bytes_received as f64;
+        let record = simulation.outputs().record;
+        cost.bytes = record.bytes_received as f64;
+        cost.evicted = record.evicted;
         cost.memory_bytes = (high_water + FIXED_BYTES) as f64;
         cost.coarser = coarser as f64 / touching as f64;
         if let Some(recording) = simulation.client_mut().take_recording() {
@@ -204,6 +208,7 @@ impl Bench<'_> {
             cost.coarser = cost.coarser.max(coarser);
             let memory = (result.cache.high_water_bytes as usize + FIXED_BYTES) as f64;
             cost.memory_bytes = cost.memory_bytes.max(memory);
+            cost.evicted = cost.evicted.max(result.cache.evicted);
         }
         cost.time_us = median(&times);
         Ok(Run {
