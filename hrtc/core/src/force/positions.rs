@@ -38,20 +38,25 @@ impl Positions {
 
     /// Motion a period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
     /// longest window, of `window` periods at the most, in which every position is within one
-    /// encoder step of the line between its ends; over the last period without an encoder's step.
+    /// encoder step, along each axis, of the line between its ends; over the last period without
+    /// an encoder's step.
     #[must_use]
     pub fn motion(&self, encoder_m: f64, window: usize) -> DVec3 {
         let now = self.newest();
-        let even = |periods: usize| {
-            let a_period = (self.0[periods] - now) / periods as f64;
-            (1..periods).all(|k| (now + a_period * k as f64).distance(self.0[k]) <= encoder_m)
-        };
         let longest = if encoder_m > 0.0 { window } else { 1 };
-        let mut periods = 1;
-        while periods < longest.min(MAX_VELOCITY_PERIODS) && even(periods + 1) {
-            periods += 1;
+        let mut motion = now - self.0[1];
+        // Those that lead past every position of the window within a step.
+        let (mut least, mut most) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
+        for periods in 1..=longest.min(MAX_VELOCITY_PERIODS) {
+            let to_here = (now - self.0[periods]) / periods as f64;
+            if to_here.cmplt(least).any() || to_here.cmpgt(most).any() {
+                break;
+            }
+            motion = to_here;
+            let step = DVec3::splat(encoder_m / periods as f64);
+            (least, most) = (least.max(to_here - step), most.min(to_here + step));
         }
-        (now - self.0[periods]) / periods as f64
+        motion
     }
 }
 
