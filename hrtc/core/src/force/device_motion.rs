@@ -190,8 +190,8 @@ mod tests {
     use super::*;
 
     /// A device presses a spring and lets it go, through an encoder. The work of a force that
-    /// follows the encoder is no less than it is, and by at most half of what jumps would be charged
-    /// for more; the part without noise is true to two steps beyond that.
+    /// follows the encoder is no less than it is, and more by at most half of what jumps would be
+    /// charged for; the part without noise is true to two steps beyond that.
     #[test]
     fn the_work_of_a_force_that_follows_an_encoder_is_true() {
         let (step, hz, seconds) = (1e-5, 1.3, 20.0);
