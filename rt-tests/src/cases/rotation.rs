@@ -80,7 +80,8 @@ const SWINGS_HZ: [f64; 4] = [0.31, 0.73, 1.27, 7.9];
 const SHARES: [f64; 4] = [0.4, 0.3, 0.25, 0.05];
 /// Period of the lifts, seconds.
 const LIFT_PERIOD_S: f64 = 4.0;
-/// Least torque that a run must have rendered, newton metres.
+/// Least torque that a run must have rendered, newton metres; in proportion to the stiffness where
+/// that is less than at 1 kHz.
 const MIN_TORQUE_NM: f64 = 1e-3;
 
 /// A tool on an object, and what the hand does with it.

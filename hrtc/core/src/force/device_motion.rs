@@ -4,9 +4,9 @@
 //! An encoder of step D shows a slow motion as jumps. A force that follows the measured position
 //! changes with each, and the device is then between two steps, not on one. If the jump were its
 //! motion, the force before it would be charged for half a step too much, on the way in and on the
-//! way out: `K D v / 2` at a speed v, where the hold of a period T leaks `K T v² / 2` (below
-//! `v = D / T`, which is 40 mm/s at 10 um and 4 kHz, the larger). So the position is estimated
-//! within the step: it goes on at the estimated velocity, as far as the measured one allows.
+//! way out. That is `K D v / 2` at a speed v. The hold of a period T leaks `K T v² / 2`, which is
+//! less below `v = D / T`: 40 mm/s at 10 um and 4 kHz. So the position is estimated within the
+//! step: it goes on at the estimated velocity, as far as the measured position allows.
 
 use super::positions::{Positions, next_of};
 use crate::tuning::force::MOTION_ROUNDING;
@@ -188,6 +188,7 @@ impl WithoutNoise {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tuning::force::VELOCITY_WINDOW_S;
 
     /// A device presses a spring and lets it go, through an encoder. The work of a force that
     /// follows the encoder is no less than it is, and more by at most half of what jumps would be
@@ -198,7 +199,7 @@ mod tests {
         for rate_hz in [250.0, 500.0, 1000.0, 2000.0, 4000.0] {
             for amplitude in [1e-4, 3.37e-4, 1e-3] {
                 let stiffness = 0.8 * rate_hz;
-                let window = (0.016 * rate_hz) as usize;
+                let window = (VELOCITY_WINDOW_S * rate_hz).round() as usize;
                 let mut device = DeviceMotion::new(step, window);
                 let depth = |tick: f64| {
                     let phase = std::f64::consts::TAU * hz * tick / rate_hz;

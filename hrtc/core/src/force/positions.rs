@@ -3,7 +3,8 @@
 use crate::tuning::force::MAX_VELOCITY_PERIODS;
 use glam::DVec3;
 
-/// Positions at the ends of the last periods, metres, the newest first.
+/// Positions at the ends of the last periods, metres (or rotation vectors, radians), the newest
+/// first.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Positions(
     #[serde(with = "serde_big_array::BigArray")] [DVec3; MAX_VELOCITY_PERIODS + 1],
@@ -36,16 +37,16 @@ impl Positions {
         }
     }
 
-    /// Motion a period, metres, by first-order adaptive windowing (Janabi-Sharifi 2000): over the
+    /// Motion a period by first-order adaptive windowing (Janabi-Sharifi 2000): over the
     /// longest window, of `window` periods at the most, in which every position is within one
-    /// encoder step, along each axis, of the line between its ends; over the last period without
-    /// an encoder's step.
+    /// encoder `step`, along each axis, of the line between its ends; over the last period where
+    /// the step is 0.
     #[must_use]
-    pub fn motion(&self, encoder_m: f64, window: usize) -> DVec3 {
+    pub fn motion(&self, step: f64, window: usize) -> DVec3 {
         let now = self.newest();
-        let longest = if encoder_m > 0.0 { window } else { 1 };
+        let longest = if step > 0.0 { window } else { 1 };
         let mut motion = now - self.0[1];
-        // Those that lead past every position of the window within a step.
+        // Motions that pass every position of the window within a step.
         let (mut least, mut most) = (DVec3::NEG_INFINITY, DVec3::INFINITY);
         for periods in 1..=longest.min(MAX_VELOCITY_PERIODS) {
             let to_here = (now - self.0[periods]) / periods as f64;
@@ -53,8 +54,8 @@ impl Positions {
                 break;
             }
             motion = to_here;
-            let step = DVec3::splat(encoder_m / periods as f64);
-            (least, most) = (least.max(to_here - step), most.min(to_here + step));
+            let within = DVec3::splat(step / periods as f64);
+            (least, most) = (least.max(to_here - within), most.min(to_here + within));
         }
         motion
     }
