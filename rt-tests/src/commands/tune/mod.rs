@@ -360,7 +360,7 @@ impl<'a> Search<'a> {
         if self.asked.time_us.is_some() {
             self.loop_over_tick = self.run(0.0, 1)?.cost.time_us / self.tick_us(0.0)?;
         }
-        let (mut tolerance, mut binds) = self.tolerance()?;
+        let (mut tolerance, binds) = self.tolerance()?;
         let mut run = self.run(tolerance, self.runs())?;
         for _ in 0..MAX_CORRECTIONS {
             if self.is_met(&run.cost) && !self.is_far(tolerance, &run.cost) {
@@ -370,10 +370,6 @@ impl<'a> Search<'a> {
             run = self.run(tolerance, self.runs())?;
         }
         let cost = run.cost;
-        if tolerance == 0.0 && self.asked.memory_bytes.is_some() && cost.evicted > 0 {
-            binds =
-                "nothing: the full mesh under the probe fits, though the cache is full".to_string();
-        }
         let mut predicted = self.simulate(tolerance)?;
         if self.asked.time_us.is_some() {
             predicted.time_us = self.tick_us(tolerance)? * self.loop_over_tick;

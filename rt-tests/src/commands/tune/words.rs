@@ -62,6 +62,10 @@ pub fn words(tuned: &Tuned) -> String {
     );
     line("costs", &cost(&tuned.cost));
     line("binds", &tuned.binds);
+    if tuned.asked.memory_bytes.is_some() && tuned.cost.evicted > 0 {
+        let evicted = tuned.cost.evicted;
+        line("cache", &format!("full: {evicted} record(s) had to go"));
+    }
     match &tuned.next {
         None => line("next step", "none: this is the full mesh"),
         Some((tolerance, finer)) => {
