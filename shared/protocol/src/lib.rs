@@ -26,9 +26,10 @@
 //! than the measured round trip and 200 ms, a new incarnation of the peer) ends the epoch: the
 //! controller increments it, declares the regions that are still resident and requests the rest
 //! again; the station discards its assumptions about the session and starts from that declaration.
-//! A chunk of an older epoch is
-//! dropped. So every loss ends in the same mesh as a fresh start. Of a tour what came stays: its
-//! ask says how many points are there ([`TourAsk::from`]).
+//! A station that misses a request says so at once ([`ChunkHeader::of_gap`]): only where the last
+//! message is the one that is lost, silence must tell. A chunk of an older epoch is dropped. So
+//! every loss ends in the same mesh as a fresh start. Of a tour what came stays: its ask says how
+//! many points are there ([`TourAsk::from`]).
 //!
 //! **Answers depend on residency.** The station sends the records that no resident region contains,
 //! and marks for every id whether its record follows. When a client drops a region while an answer

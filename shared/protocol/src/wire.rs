@@ -141,8 +141,8 @@ impl ChunkHeader {
         self.checksum = self.checksum_with(slots);
     }
 
-    /// The header of a chunk that tells its reader that chunks of this epoch are missing, and holds
-    /// nothing: no epoch comes to its number.
+    /// A chunk that tells its reader that something of this epoch is missing, and holds nothing: no
+    /// epoch comes to its number, so there is a gap before it.
     #[must_use]
     pub fn of_gap(&self) -> (Self, [ChunkSlot; CHUNK_SLOTS]) {
         let slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];

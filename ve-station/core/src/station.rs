@@ -11,10 +11,10 @@
 //! - A new epoch of the session or a new incarnation of the client clears queue, numbers and
 //!   belief. The client then says what it holds ([`RegionAction::Resident`]) and asks for the rest.
 //! - A gap in the numbers of the requests *breaks* the epoch: queue and assumed residency are
-//!   emptied, nothing
-//!   more is sent and nothing of this epoch is listened to. The client, hearing nothing for
-//!   [`protocol::ANSWER_TIMEOUT_MS`], starts a new epoch. So a lost request can never leave a
-//!   belief behind that the client does not share.
+//!   emptied and nothing of this epoch is listened to. The client is told once
+//!   ([`ChunkHeader::of_gap`]) and starts a new epoch; where that chunk is lost, when it has heard
+//!   nothing for [`protocol::ANSWER_TIMEOUT_MS`]. So a lost request can never leave a belief behind
+//!   that the client does not share.
 //! - A request of an older epoch, or of an incarnation that another has replaced, is ignored.
 //!
 //! One race remains that the station cannot see: a client that gives up a region while the answer
@@ -52,12 +52,12 @@ pub use session::MAX_JOBS;
 
 use crate::collection::{CollectError, RegionAt};
 use crate::tuning::service::{MAX_NOTES, SEARCHED_A_STEP};
-use answer::{Job, Progress};
+use answer::{Job, Progress, blank};
 use path_generator::PathGenerator;
 use protocol::MAX_CLIENTS;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, MAX_SESSIONS, REGIONS_PER_REQUEST, Refusal,
-    RegionAction, RegionAsk, Request, RequestKind,
+    CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, ContactReport, MAX_SESSIONS,
+    REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk, Request, RequestKind,
 };
 use residency_change::ResidencyChange;
 use session::{Accepted, Session};
@@ -241,6 +241,9 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// `SEARCHED_A_STEP` VSPs. `None` with no steps left means that there may be more to say:
     /// call again.
     pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
+        if let Some(at) = self.broken_session(client) {
+            return Some(self.broken(at));
+        }
         self.measure_contacts(client, steps);
         self.each_in_turn(client, steps, Self::answer)
             .or_else(|| self.each_in_turn(client, steps, Self::roll))
@@ -282,6 +285,20 @@ impl<D: AsRef<[u8]>> Station<D> {
             }
             chunk
         })
+    }
+
+    /// A session of a client that is to be told that its epoch is broken.
+    fn broken_session(&mut self, client: u64) -> Option<usize> {
+        let is_told = |s: &mut Session| s.client == client && s.take_broken();
+        self.sessions.iter_mut().position(is_told)
+    }
+
+    /// Tells a client that an epoch is broken.
+    fn broken(&mut self, at: usize) -> Chunk {
+        let (mut header, _) = blank(ChunkKind::Refused, self.sessions[at].object);
+        self.address(at, &mut header);
+        self.counters.chunks += 1;
+        header.of_gap()
     }
 
     /// The next chunk of a session but for tours.
@@ -340,22 +357,28 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// Numbers a chunk and addresses it.
     fn send(&mut self, at: usize, (mut header, slots): Chunk) -> Chunk {
+        self.address(at, &mut header);
         let session = &mut self.sessions[at];
+        header.sequence = session.sent;
+        header.waited_for_credit = u32::from(std::mem::take(&mut session.waits_for_credit));
+        header.seal(&slots);
+        session.sent += 1;
+        self.counters.chunks += 1;
+        (header, slots)
+    }
+
+    /// Says of a chunk from whom it comes, to whom it goes, and what it is about.
+    fn address(&self, at: usize, header: &mut ChunkHeader) {
+        let session = &self.sessions[at];
         header.station = self.incarnation;
         header.client = session.client;
         header.epoch = session.epoch;
-        header.sequence = session.sent;
         header.sent_us = self.clock_us;
-        header.waited_for_credit = u32::from(std::mem::take(&mut session.waits_for_credit));
         header.model = self
             .objects
             .get(header.object as usize)
             .and_then(|o| self.models.get(o.model))
             .map_or(0, |m| m.file.model_header().model);
-        header.seal(&slots);
-        session.sent += 1;
-        self.counters.chunks += 1;
-        (header, slots)
     }
 
     fn handle_request(&mut self, request: &Request) {

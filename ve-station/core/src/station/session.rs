@@ -39,6 +39,8 @@ pub struct Session {
     former: Option<u64>,
     pub epoch: u32,
     broken: bool,
+    /// Whether the client is still to be told so.
+    tells_broken: bool,
     /// Number of the next request.
     next: u64,
     /// Chunks of the epoch handed out.
@@ -80,6 +82,7 @@ impl Session {
             former: None,
             epoch: request.epoch,
             broken: false,
+            tells_broken: false,
             next: 0,
             sent: 0,
             consumed: 0,
@@ -114,20 +117,26 @@ impl Session {
             return Accepted::Stale;
         }
         self.last_heard = heard;
-        if self.broken || request.sequence < self.next {
+        if request.sequence < self.next {
+            return Accepted::Stale;
+        }
+        self.credit = u64::from(request.credit).min(MAX_CREDIT_CHUNKS);
+        let is_damaged = request.consumed > self.sent;
+        if !is_damaged {
+            self.consumed = self.consumed.max(request.consumed);
+        }
+        if self.broken {
             return Accepted::Stale;
         }
         if request.sequence > self.next && !is(Mutant::LostRequest) {
             self.break_epoch();
             return Accepted::Broken;
         }
-        if request.consumed > self.sent {
+        if is_damaged {
             self.break_epoch();
             return Accepted::Damaged;
         }
         self.next += 1;
-        self.consumed = self.consumed.max(request.consumed);
-        self.credit = u64::from(request.credit).min(MAX_CREDIT_CHUNKS);
         Accepted::Yes
     }
 
@@ -135,16 +144,18 @@ impl Session {
         self.epoch = epoch;
         self.break_epoch();
         self.broken = false;
+        self.tells_broken = false;
         self.next = 0;
         self.sent = 0;
         self.consumed = 0;
         self.waits_for_credit = false;
     }
 
-    /// Clears queue and belief, and waits for the next epoch. Of a tour what is rolled is kept, of
+    /// Clears queue and belief, tells the client, and waits for its next epoch. Of a tour what is rolled is kept, of
     /// an answer the search: else a closure that takes longer than a client's patience would never
     /// be found.
     pub fn break_epoch(&mut self) {
+        self.tells_broken |= !self.broken;
         self.broken = true;
         if let Some(Job::Region {
             model,
@@ -196,6 +207,12 @@ impl Session {
         let is_asked = !self.jobs.is_empty() || !self.tours.is_empty();
         self.waits_for_credit |= !has_credit && is_asked;
         has_credit && !self.broken
+    }
+
+    /// Whether the client is to be told now that the epoch is broken: once an epoch.
+    pub fn take_broken(&mut self) -> bool {
+        let has_credit = self.sent - self.consumed < self.credit;
+        has_credit && std::mem::take(&mut self.tells_broken)
     }
 
     /// The tour asked for first, where a chunk of it may be sent.

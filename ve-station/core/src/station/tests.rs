@@ -268,16 +268,20 @@ fn what_cannot_be_served_is_refused_by_name() {
 }
 
 #[test]
-fn after_a_gap_nothing_is_said_until_the_next_epoch() {
+fn a_gap_is_told_and_nothing_else_is_said_until_the_next_epoch() {
     let (mut server, mut client) = (station(1), Client::new(1));
     let [a, b] = [regions()[0], regions()[1]];
     tell(&mut server, client.subscribe(a));
     let _lost = client.request(RequestKind::Credit);
     tell(&mut server, client.subscribe(b));
+    tell(&mut server, [client.request(RequestKind::Credit)]);
+    let (header, slots) = server.poll(1).unwrap();
+    assert!(header.is_sound(&slots));
+    assert_eq!((header.epoch, header.sequence), (0, u64::MAX));
     assert_eq!(
         server.poll(1),
         None,
-        "what was asked before the gap is dropped too"
+        "it is told once, and what was asked before the gap is dropped too"
     );
     assert_eq!(server.counters().broken_epochs, 1);
     tell(&mut server, client.new_epoch());
@@ -404,6 +408,7 @@ fn too_many_open_questions_end_the_epoch() {
         tell(&mut server, client.regions(RegionAction::Subscribe, &full));
     }
     assert_eq!(server.counters().broken_epochs, 1);
+    assert_eq!(server.poll(1).unwrap().0.sequence, u64::MAX);
     assert_eq!(server.poll(1), None);
 }
 
