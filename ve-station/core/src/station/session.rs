@@ -151,9 +151,9 @@ impl Session {
         self.waits_for_credit = false;
     }
 
-    /// Clears queue and belief, tells the client, and waits for its next epoch. Of a tour what is rolled is kept, of
-    /// an answer the search: else a closure that takes longer than a client's patience would never
-    /// be found.
+    /// Clears queue and belief, tells the client, and waits for its next epoch. Of a tour what is
+    /// rolled is kept, of an answer the search: else a closure that takes longer than a client's
+    /// patience would never be found.
     pub fn break_epoch(&mut self) {
         self.tells_broken |= !self.broken;
         self.broken = true;
