@@ -3,5 +3,6 @@
 pub mod device_motion;
 pub mod effects;
 pub mod limiter;
+pub mod paid_coupling;
 pub mod passivity;
 pub mod positions;

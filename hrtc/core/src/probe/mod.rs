@@ -7,7 +7,7 @@ pub(crate) mod proxy_kind;
 
 use crate::bodies::material_motion;
 use crate::contact::motion::{Placement, Twist};
-use crate::force::effects::{Clock, Rendered, SceneEffects};
+use crate::force::effects::{Clock, DeviceSample, Rendered, SceneEffects};
 use crate::force::limiter::ForceLimiter;
 use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::horizons::Horizons;
@@ -266,14 +266,19 @@ impl Probe {
         is_open: bool,
     ) -> [f64; 2] {
         if let Some(pose) = self.pose {
+            let moved = self.motion();
             self.book_motion(&pose);
             self.last = Some(pose);
             let seconds = self.elapsed as f64 * clock.period_s;
             self.energy.pass_time(seconds);
             if !self.effects.is_empty() {
-                let velocity = self.energy.motion() / clock.period_s;
-                let motion = (velocity, self.elapsed);
-                self.effects.render(clock, &pose, motion, &mut wanted);
+                let device = DeviceSample {
+                    pose: &pose,
+                    velocity: self.energy.motion() / clock.period_s,
+                    moved,
+                    elapsed: self.elapsed,
+                };
+                self.effects.render(clock, &device, &mut wanted);
             }
         }
         if !self.renders_torque {

@@ -7,12 +7,10 @@ use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING};
 use crate::costs::QueryWork;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
-use crate::force::passivity::CouplingSpring;
+use crate::force::paid_coupling::PaidCoupling;
 use crate::instance::ModelFrame;
-use crate::perception::{GROWTH_PER_S, IMPERCEPTIBLE_N};
 use crate::probe::Probe;
 use crate::probe::proxy_kind::{ProxyKind, ProxyStep};
-use crate::tuning::force::UNPAID_RETURNS_S;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -68,11 +66,8 @@ pub struct ProbeObjectPair {
     measured_at: Option<DVec3>,
     /// Where the proxy begins, object's axes, metres, if that is not where the probe is.
     start: Option<Pose>,
-    /// Wrench and energy of the coupling, in contact: in this tick and in the one before; model
-    /// axes, joules.
-    coupled: [Option<(Wrench, f64)>; 2],
-    /// Share of the energy in the coupling that is paid for, 0 to 1.
-    paid: f64,
+    /// What of the coupling is paid for; model axes.
+    coupling: PaidCoupling,
     /// Whether the surface moves under the probe in this tick, by a geomorph.
     pub surface_moves: bool,
     /// The faces that held a tool in the last tick, and their certified errors, model units.
@@ -96,8 +91,7 @@ impl ProbeObjectPair {
             nearest: None,
             measured_at: None,
             start: None,
-            coupled: [None; 2],
-            paid: 1.0,
+            coupling: PaidCoupling::default(),
             surface_moves: false,
             held_by: HELD_BY_NONE,
         }
@@ -130,7 +124,7 @@ impl ProbeObjectPair {
     pub fn begin_tick(&mut self) {
         self.contact = None;
         self.rendered = None;
-        self.coupled = [None, self.coupled[0]];
+        self.coupling.begin_tick();
     }
 
     /// Takes the pose of the probe in the world.
@@ -255,7 +249,8 @@ impl ProbeObjectPair {
             linear: to_model * motion.linear,
             angular: to_model * motion.angular,
         };
-        let (wrench, spring) = self.pay(wrench, spring, &moved, clock.period_s);
+        let (coupled, moves) = ((wrench, spring), self.surface_moves);
+        let (wrench, spring) = self.coupling.pay(coupled, &moved, moves, clock.period_s);
         let sign = match () {
             () if is(Mutant::Sign) => -1.0,
             () if is(Mutant::DeadZone) && depth < 1e-4 => 0.0,
@@ -300,57 +295,6 @@ impl ProbeObjectPair {
         depth
     }
 
-    /// Scales the wrench of the coupling, and its spring, by the share that is paid for. Returns
-    /// them with what the surface has given.
-    ///
-    /// Energy that the motion of the device since the tick before does not explain, by the wrench
-    /// before or by that of now, has come otherwise. What a surface adds that is refined under the
-    /// probe is given, as far as that is imperceptible. The rest (a contact that is found late, or
-    /// that the probe began in) is not: the spring begins with the share that is paid for, and the
-    /// rest returns slowly. A motion of the device leaves the share as it is, and so does a wrench
-    /// that is no number.
-    fn pay(
-        &mut self,
-        wrench: Wrench,
-        spring: CouplingSpring,
-        moved: &Twist,
-        period_s: f64,
-    ) -> (Wrench, CouplingSpring) {
-        let stiffness = spring.stiffness_n_per_m;
-        let (wrench_before, before_j) = self.coupled[1].unwrap_or_default();
-        if self.coupled[1].is_none() {
-            self.paid = 1.0;
-        }
-        self.coupled[0] = Some((wrench, spring.stored_j));
-        let pressed = |of: &Wrench| -(of.force.dot(moved.linear) + of.torque.dot(moved.angular));
-        let explained = pressed(&wrench_before).max(pressed(&wrench));
-        let mut unexplained = spring.stored_j - before_j - explained;
-        if !(unexplained.is_finite() && wrench.is_finite()) {
-            // The force limiter makes no force of it. The balance goes on from the tick before.
-            self.coupled[0] = self.coupled[1];
-            return (wrench, spring);
-        }
-        let mut given = 0.0;
-        if self.surface_moves && self.coupled[1].is_some() {
-            let least = 0.5 * IMPERCEPTIBLE_N * IMPERCEPTIBLE_N / stiffness;
-            let most = GROWTH_PER_S * period_s * before_j.max(least);
-            given = unexplained.clamp(0.0, most);
-            unexplained -= given;
-        }
-        if spring.stored_j > 0.0 {
-            let paid_j = self.paid * (spring.stored_j - unexplained);
-            self.paid = (paid_j / spring.stored_j).clamp(0.0, 1.0);
-        }
-        let returned = (1.0 - self.paid) * period_s / (UNPAID_RETURNS_S + period_s);
-        self.paid += returned;
-        let raised_j = self.paid * given + returned * spring.stored_j;
-        let spring = CouplingSpring {
-            raised_j,
-            ..spring.times(self.paid)
-        };
-        (wrench * self.paid, spring)
-    }
-
     /// What has a limit: its name, the most that there was, and the limit.
     pub fn high_water(&self) -> impl Iterator<Item = (&'static str, (usize, usize))> + use<> {
         let [proxy, effects] = [self.proxy.high_water(), self.effects.high_water()];
@@ -379,43 +323,6 @@ impl ProbeObjectPair {
                 ..Rendered::default()
             };
             self.rendered = Some(pulls.turned(frame.pose.orientation));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A contact whose coupling is no number for one tick has its force in the next.
-    #[test]
-    fn a_force_that_is_no_number_is_gone_for_its_tick_only() {
-        let ball = ProbeShape::Sphere { radius_m: 1e-3 };
-        let mut pair = ProbeObjectPair::new(&ball, SurfaceEffects::with_room(0, None));
-        let stiffness_n_per_m = 1000.0;
-        let mut force = |depth_m: f64, pressed_m: f64| {
-            pair.begin_tick();
-            let wrench = Wrench {
-                force: DVec3::Z * (stiffness_n_per_m * depth_m),
-                torque: DVec3::ZERO,
-            };
-            let spring = CouplingSpring {
-                stiffness_n_per_m,
-                stored_j: 0.5 * stiffness_n_per_m * depth_m * depth_m,
-                raised_j: 0.0,
-            };
-            let moved = Twist {
-                linear: DVec3::NEG_Z * pressed_m,
-                angular: DVec3::ZERO,
-            };
-            pair.pay(wrench, spring, &moved, 1e-3).0.force.z
-        };
-        for tick in 1..=100 {
-            force(1e-5 * f64::from(tick), 1e-5);
-        }
-        for wrong in [f64::NAN, f64::INFINITY] {
-            assert!(!force(wrong, 0.0).is_finite());
-            assert_eq!(force(1e-3, 0.0), 1.0);
         }
     }
 }

@@ -1,7 +1,10 @@
 //! The limits of the workspace: outside a ball or a box a spring pushes back, `F = k (c - x)` with
 //! c the nearest point inside. The energy account limits it like a surface.
 
+use super::DeviceSample;
+use crate::force::paid_coupling::PaidCoupling;
 use crate::force::passivity::CouplingSpring;
+use geometry::Wrench;
 use glam::DVec3;
 use scene::{BoundaryPlan, Workspace};
 
@@ -9,18 +12,42 @@ use scene::{BoundaryPlan, Workspace};
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Boundary {
     plan: BoundaryPlan,
+    coupling: PaidCoupling,
 }
 
 impl Boundary {
     /// Boundary of the planned shape and stiffness.
     #[must_use]
     pub fn new(plan: BoundaryPlan) -> Self {
-        Self { plan }
+        Self {
+            plan,
+            coupling: PaidCoupling::default(),
+        }
+    }
+
+    /// Wrench (world) on a device, and its spring, of a boundary that is there by so large an
+    /// `amount`, 0 to 1; both zero inside.
+    pub fn render(
+        &mut self,
+        device: &DeviceSample<'_>,
+        amount: f64,
+        period_s: f64,
+    ) -> (Wrench, CouplingSpring) {
+        self.coupling.begin_tick();
+        let (force, spring) = self.force(device.pose.position);
+        if force == DVec3::ZERO {
+            return Default::default();
+        }
+        let wrench = Wrench {
+            force: force * amount,
+            torque: DVec3::ZERO,
+        };
+        let coupled = (wrench, spring.times(amount));
+        self.coupling.pay(coupled, &device.moved, false, period_s)
     }
 
     /// Force (newtons) at a place (world, metres), and its spring; both zero inside.
-    #[must_use]
-    pub fn force(&self, position: DVec3) -> (DVec3, CouplingSpring) {
+    fn force(&self, position: DVec3) -> (DVec3, CouplingSpring) {
         let inside = match self.plan.shape {
             Workspace::Ball { centre, radius } => {
                 centre + (position - centre).clamp_length_max(radius)

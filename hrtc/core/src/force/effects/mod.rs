@@ -36,6 +36,7 @@ pub mod texture;
 pub mod vibration;
 pub mod viscosity;
 
+use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::force::passivity::CouplingSpring;
 use crate::tuning::force::MAX_SHADING_FACES;
@@ -105,6 +106,19 @@ impl ContactSample<'_> {
     pub fn velocity_at(&self, arm: DVec3) -> DVec3 {
         self.velocity + self.angular.cross(arm)
     }
+}
+
+/// A device in a tick; world, metres.
+#[derive(Debug, Clone, Copy)]
+pub struct DeviceSample<'a> {
+    /// Its pose.
+    pub pose: &'a Pose,
+    /// Its velocity, m/s.
+    pub velocity: DVec3,
+    /// Its motion since the last sample.
+    pub moved: Twist,
+    /// Periods since the last call.
+    pub elapsed: u64,
 }
 
 /// The wrench so far, passive and active.
@@ -431,15 +445,14 @@ impl SceneEffects {
         self.0.is_empty()
     }
 
-    /// Adds the effects on a probe at a pose (world, metres) with a velocity (world, m/s), so many
-    /// periods after the last call.
-    pub fn render(
-        &mut self,
-        clock: Clock,
-        pose: &Pose,
-        (velocity, elapsed): (DVec3, u64),
-        out: &mut Rendered,
-    ) {
+    /// Adds the effects on a probe.
+    pub fn render(&mut self, clock: Clock, device: &DeviceSample<'_>, out: &mut Rendered) {
+        let DeviceSample {
+            pose,
+            velocity,
+            elapsed,
+            ..
+        } = *device;
         for listed in &mut self.0 {
             let Some((effect, amount)) = listed.called(clock) else {
                 continue;
@@ -461,9 +474,9 @@ impl SceneEffects {
                     out.active.force += of.force(position, velocity, periods) * amount;
                 }
                 SceneEffect::Boundary(of) => {
-                    let (force, spring) = of.force(position);
-                    out.passive.force += force * amount;
-                    out.spring = out.spring + spring.times(amount);
+                    let (wrench, spring) = of.render(device, amount, clock.period_s);
+                    out.passive = out.passive + wrench;
+                    out.spring = out.spring + spring;
                 }
             }
         }
