@@ -382,7 +382,8 @@ fn alias(
         let step = wavelength * (0.5 + 2.0 * unit(random));
         let start = -0.02 * unit(random);
         // Up to speed within what a hand may do.
-        bench.press(place(start - 1.5 * step), DVec3::Z);
+        bench.press(place(start - 2.5 * step), DVec3::Z);
+        bench.touch(place(start - 2.0 * step));
         bench.touch(place(start - step));
         for tick in 0..20 {
             let force = bench.touch(place(start + step * f64::from(tick))).force;

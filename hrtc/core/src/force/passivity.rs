@@ -27,8 +27,7 @@
 //! - Account: `share W` is at most the energy that the contact has taken in.
 //! - Slew: the force limiter behind the account lets a force F fall by at most s in a tick. It is
 //!   scaled so far that the energy taken in also pays for its work while it falls to zero, about
-//!   `u F² / 2 s` at a motion u in a tick. That begins where `K v` is above the slew limit. The
-//!   same holds for a torque.
+//!   `u F² / 2 s` at a motion u in a tick. The same holds for a torque.
 //!
 //! The force is never reversed, so a surface does not stick.
 //!
@@ -43,17 +42,18 @@
 //! device moves away, and returns later. Each change is at most the perception limit of a tick; the
 //! fading is also at most `W / U` in a tick.
 //!
-//! Work that no spring gives back, of a force that is shaded or of a boundary that comes, would
-//! empty the account and end the force at once. It fades before: what such work takes in a period
+//! Work that no spring gives back, as of a force that is shaded, would empty the account and end
+//! the force at once. It fades before: what such work takes in a period
 //! is at most half of the perception limit's share of what is left. So it may grow twofold, and the
 //! account still empties no faster than a force may fade.
 //!
 //! # Extrapolation
 //!
 //! A motion that is out of line with those before it, by a jump or a stop, is neither a velocity
-//! nor an acceleration yet: what comes next is then the median of the last three. Along an axis
-//! without work for the longest window of the velocity estimate, what moves is the noise of the
-//! encoder.
+//! nor an acceleration yet: what comes next is then the median of the last three. It may be the
+//! first of others like it, so the work is that over the last motion where that is more. Along an
+//! axis without work for the longest window of the velocity estimate, what moves is the noise of
+//! the encoder.
 //!
 //! # Moving surfaces
 //!
@@ -274,9 +274,8 @@ impl EnergyAccount {
         // As far as the hand has not paid for it already.
         let unpaid = (self.contact_joules + spring.stored_j - self.raised_j).max(0.0);
         self.raised_j += spring.raised_j.min(unpaid);
-        let next = self.next();
-        let pushed = wanted.force.dot(next) - ahead.pushed_j;
-        let turned = wanted.torque.dot(self.rotation.next()) - ahead.turned_j;
+        let pushed = most_work(wanted.force, &self.translation) - ahead.pushed_j;
+        let turned = most_work(wanted.torque, &self.rotation) - ahead.turned_j;
         let work = pushed + turned;
         let size = wanted.force.length();
         let taken_in = self.raised_j - self.contact_joules;
@@ -316,14 +315,10 @@ impl EnergyAccount {
         let unpaid = spring.stored_j - taken_in - 2.0 * steps;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         let taken_in = taken_in.max(0.0);
-        let with_fall = work + self.work_of_fall(wanted, [pushed, turned]);
-        let payable = if with_fall > work {
-            // The work of the fall is at least quadratic in the force.
-            (taken_in / with_fall).sqrt()
-        } else {
-            1.0
-        };
-        self.paid = self.paid.min(taken_in / work).min(payable);
+        // At a share s the force does the work s W, and s² of its fall's or less while it falls.
+        let fall = self.most_work_of_fall(wanted, [pushed, turned]);
+        let payable = 2.0 * taken_in / (work + (work * work + 4.0 * fall * taken_in).sqrt());
+        self.paid = self.paid.min(payable);
         (given / work).min(self.paid).clamp(0.0, 1.0)
     }
 
@@ -350,12 +345,11 @@ impl EnergyAccount {
         work - released
     }
 
-    /// Work, joules, of a wrench after the coming period, in which its force and its torque do
-    /// `works`, while both fall to zero as fast as they may.
-    fn work_of_fall(&self, wrench: Wrench, works: [f64; 2]) -> f64 {
+    /// [`most_work_of_fall`] of a wrench whose force and torque do `works` in the coming period.
+    fn most_work_of_fall(&self, wrench: Wrench, works: [f64; 2]) -> f64 {
         let [slew_n, slew_nm] = self.slew;
-        let force = work_of_fall(wrench.force, works[0], &self.translation, slew_n);
-        force + work_of_fall(wrench.torque, works[1], &self.rotation, slew_nm)
+        let force = most_work_of_fall(wrench.force, works[0], &self.translation, slew_n);
+        force + most_work_of_fall(wrench.torque, works[1], &self.rotation, slew_nm)
     }
 
     /// Bound of the rounding error in the work relative to a moving surface, joules; 0 for a
@@ -448,17 +442,26 @@ impl EnergyAccount {
     }
 }
 
-/// Work, joules, of a force (N) or torque (N m) after the coming period, in which it does `work`,
-/// while it falls to zero by `slew` a period and the device goes on as it does. Over n = F / s
-/// periods of a motion u that grows by a: `Σ (F - k s) (u + k a)`, k = 1 to n, hence
-/// `u F (n - 1) / 2 + a F n² / 6`.
-fn work_of_fall(force: DVec3, work: f64, motion: &DeviceMotion, slew: f64) -> f64 {
+/// Most work, joules, of a force (N) or torque (N m) in the coming period: over the extrapolated
+/// motion, or where the device goes on as in the last period. A jump may have been the only one, or
+/// the first of a motion.
+fn most_work(force: DVec3, motion: &DeviceMotion) -> f64 {
+    force.dot(motion.next()).max(force.dot(motion.last()))
+}
+
+/// Bound of the work, joules, of a force (N) or torque (N m) after the coming period, in which it
+/// does `work`, while it falls to zero by `slew` a period and the device goes on as it does. Over
+/// n = F / s periods of a motion u that grows by a it is the sum of `(F - k s) (u + k a)` over the
+/// whole k up to n, at most `u s (n - 1/2)² / 2 + a F n² / 6`. Of a share of the force it is at
+/// most the square of that share.
+fn most_work_of_fall(force: DVec3, work: f64, motion: &DeviceMotion, slew: f64) -> f64 {
     let periods = force.length() / slew;
     if periods <= 1.0 {
         return 0.0;
     }
     let growth = (motion.next() - motion.last()).dot(force).max(0.0);
-    0.5 * work * (periods - 1.0) + growth * periods * periods / 6.0
+    let even = 0.5 * work * (periods - 0.5).powi(2) / periods;
+    even + growth * periods * periods / 6.0
 }
 
 #[cfg(test)]

@@ -104,6 +104,43 @@ fn a_force_that_falls_slowly_puts_out_no_more_than_a_device_damps() {
 /// The device presses in, the surface rises as far again, and the device leaves with one step
 /// back in four. Most of the unpaid force fades before the account cuts it, and no increase is
 /// above the perception limit.
+/// Forces of any number of steps of the slew limit, whole or not, over motions that grow or do not.
+#[test]
+fn the_work_of_a_force_that_falls_has_a_bound_that_is_quadratic_in_it() {
+    let (slew, motion) = (0.5, 1e-5);
+    for growth in [0.0, 0.3e-5, 2e-5] {
+        let mut device = DeviceMotion::new(0.0, 1);
+        let mut place = 0.0;
+        for step in [motion - growth, motion, motion + growth] {
+            device.moved_to(DVec3::X * place, [1; 2]);
+            place += step;
+        }
+        device.moved_to(DVec3::X * place, [1; 2]);
+        let next = device.next().x;
+        let grows = (next - device.last().x).max(0.0);
+        for k in 1..500 {
+            let force = 0.01 * f64::from(k);
+            let bound =
+                |newtons: f64| most_work_of_fall(DVec3::X * newtons, newtons * next, &device, slew);
+            let mut work = 0.0;
+            for periods in 1..=(force / slew) as u32 {
+                let periods = f64::from(periods);
+                work += (force - periods * slew) * (next + periods * grows);
+            }
+            let most = bound(force);
+            assert!(
+                work <= most * (1.0 + 1e-12),
+                "{growth} {force}: {work} {most}"
+            );
+            assert!(most <= work + 0.5 * slew * (next + 4.0 * force / slew * grows));
+            for share in [0.1, 0.5, 0.9] {
+                let part = bound(share * force);
+                assert!(part <= share * share * most * (1.0 + 1e-12));
+            }
+        }
+    }
+}
+
 #[test]
 fn an_unpaid_force_fades_below_the_perception_limit() {
     let (stiffness_n_per_m, pressed, raised) = (1000.0, 2e-3, 2e-3);
