@@ -339,17 +339,15 @@ fn a_moving_contact_is_bounded_over_a_very_thin_line() {
     }
 }
 
-/// Where the hand stops the error falls, and the line is busy with what is missing: so the contact
-/// is full within two seconds.
+/// Where the hand stops the expected error falls, and the line is busy with what is missing: so the
+/// contact is full within two seconds. The certified error is there in every tick; between two
+/// levels it may rise, since it is that of single faces then.
 #[test]
 fn a_resting_contact_becomes_full_over_a_very_thin_line() {
     /// Ticks of the tour, and for which the device then comes to rest.
     const STOP: usize = 1200;
     const SETTLES: usize = 300;
     const MOST: usize = 2000;
-    /// Faces beside each other have different bounds: the error of so many ticks is their largest,
-    /// and falls but for rounding.
-    const SPAN: usize = 200;
     let model = model();
     for round_trip in [20, 100] {
         let link = compact(round_trip, 0.25);
@@ -368,7 +366,8 @@ fn a_resting_contact_becomes_full_over_a_very_thin_line() {
         let (mut errors, mut full) = (Vec::new(), None);
         for tick in 0..MOST {
             let record = world.step_led().record;
-            errors.push(record.certified_error_m);
+            // Negative where not even the coarsest ring is done: on the way to the next level.
+            errors.extend(Some(record.contact_tolerance_m).filter(|&of| of >= 0.0));
             assert!(record.contact && record.contact_bounded, "tick {tick}");
             if record.contact_full && full.is_none() {
                 full = Some((tick, received(&mut world)));
@@ -380,13 +379,9 @@ fn a_resting_contact_becomes_full_over_a_very_thin_line() {
         println!("{name}: full {ticks} ticks after the stop, by {vsps} VSPs in {bytes} bytes");
         let on_line = bytes as f64 / link.bytes_per_tick;
         assert!(ticks as f64 <= on_line + (SETTLES as u64 + 3 * round_trip) as f64);
-        let spans = errors[SETTLES..].chunks(SPAN);
-        let largest: Vec<f64> = spans
-            .map(|span| span.iter().copied().fold(0.0, f64::max))
-            .collect();
-        println!("{name}: certified error of each {SPAN} ticks, metres: {largest:?}");
-        assert!(largest.is_sorted_by(|a, b| 1.01 * a >= *b), "{name}");
-        assert_eq!(largest.last(), Some(&0.0), "{name}: it stays full");
+        assert!(errors[0] > 0.0 && errors.len() > MOST / 2, "{name}");
+        assert!(errors.is_sorted_by(|a, b| a >= b), "{name}: {errors:?}");
+        assert_eq!(errors.last(), Some(&0.0), "{name}: it stays full");
     }
 }
 
