@@ -23,6 +23,10 @@ pub struct ProbeRecord {
     pub certified_error_m: f64,
     /// Penetration of the device behind the proxy, metres.
     pub depth_m: f64,
+    /// Share of the wanted force of its contacts that is not rendered, 0 to 1, the largest of them:
+    /// not paid for where a contact is found late, or withheld by energy account or limits. 0
+    /// without contact.
+    pub force_withheld: f64,
     /// Whether the force was clamped.
     pub clamped: bool,
     /// Whether the sample was rejected.
@@ -62,6 +66,9 @@ pub struct CoreRecord {
     pub certified_error_m: f64,
     /// Penetration of the device behind the proxy, metres.
     pub depth_m: f64,
+    /// Share of the wanted force of a contact that is not rendered; see
+    /// [`ProbeRecord::force_withheld`].
+    pub force_withheld: f64,
     /// Active objects whose model is known.
     pub active_objects: u32,
     /// Movable objects that are stepped.
@@ -171,6 +178,7 @@ impl CoreRecord {
         self.finest_tolerance_m = most(|probe| probe.finest_tolerance_m);
         self.certified_error_m = most(|probe| probe.certified_error_m);
         self.depth_m = most(|probe| probe.depth_m);
+        self.force_withheld = most(|probe| probe.force_withheld);
         self.contact = is_touching;
         self.contact_full = is_full;
         self.contact_asked = is_asked;

@@ -126,5 +126,6 @@ impl ProbeRecord {
             .finest_tolerance_m
             .max(f64::from(finest) * metres_per_unit);
         self.depth_m = max_or_nan(self.depth_m, state.depth_m);
+        self.force_withheld = max_or_nan(self.force_withheld, 1.0 - state.paid);
     }
 }

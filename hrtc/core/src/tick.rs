@@ -169,8 +169,8 @@ impl Controller {
             !inputs.stopping && self.is_ready() && (is(Mutant::Fault) || self.fault().is_none());
         let is_open = is_open && (inputs.station != 0 || !is(Mutant::Silence));
         for probe in 0..self.probes.len() {
-            let rendered = self.render(probe, &mut record);
-            self.limit(probe, tick, is_open, &rendered);
+            let mut rendered = self.render(probe, &mut record);
+            rendered.passed = self.limit(probe, tick, is_open, &rendered);
             self.report(probe, tick, &rendered, outputs, &mut record);
         }
         self.record(outputs, &mut record);
@@ -425,12 +425,13 @@ impl Controller {
             sum: sum.unwrap_or_default(),
             ahead,
             strongest: strongest.map(|(_, contact)| contact),
+            passed: 1.0,
         }
     }
 
     /// Passes a probe's forces through energy account and limiter; the objects that move get the
-    /// reaction.
-    fn limit(&mut self, k: usize, tick: u64, is_open: bool, forces: &ProbeForces) {
+    /// reaction. The share of the passive forces that has passed.
+    fn limit(&mut self, k: usize, tick: u64, is_open: bool, forces: &ProbeForces) -> f64 {
         let at = self.position_of(k);
         let clock = Clock {
             tick,
@@ -440,7 +441,7 @@ impl Controller {
         let shares = probe.limit(clock, forces.sum, forces.ahead, is_open);
         let renders_torque = probe.renders_torque;
         if self.movables.is_empty() {
-            return;
+            return shares[0];
         }
         for active in &self.active.objects {
             let rendered = &active.contacts.pairs[k].rendered;
@@ -450,6 +451,7 @@ impl Controller {
                 self.movables.push(object, (k, renders_torque), given, at);
             }
         }
+        shares[0]
     }
 
     /// Writes a probe's outputs.
@@ -467,6 +469,9 @@ impl Controller {
         of_probe.clamped = probe.clamped;
         of_probe.energy_j = probe.energy.joules();
         of_probe.given_j = probe.energy.given_j();
+        if of_probe.contact {
+            of_probe.force_withheld = 1.0 - forces.passed * (1.0 - of_probe.force_withheld);
+        }
         let contact = forces.strongest;
         if let Some(place) = outputs.wrenches.get_mut(k) {
             *place = probe.wrench;
@@ -507,4 +512,6 @@ struct ProbeForces {
     ahead: CarriedWork,
     /// The contact that pushes most.
     strongest: Option<ProbeContact>,
+    /// Share of the passive forces that energy account and limits let pass.
+    passed: f64,
 }

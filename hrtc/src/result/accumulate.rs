@@ -58,6 +58,8 @@ pub struct Accumulator {
     finest: Fixed,
     expected: Fixed,
     measured: Fixed,
+    /// Share of the wanted force.
+    withheld: Fixed,
     /// Active objects.
     awake: Fixed,
     /// Force of each probe, newtons.
@@ -108,6 +110,7 @@ impl Accumulator {
             finest: picometres()?,
             expected: picometres()?,
             measured: picometres()?,
+            withheld: Fixed::new(1e6, 20)?,
             awake: Fixed::new(1.0, 5)?,
             forces: (0..probes).map(|_| micronewtons()).collect::<Option<_>>()?,
         })
@@ -177,6 +180,7 @@ impl Accumulator {
                 core.contact_tolerance_m
             });
             result.depth_m_max = max_or_nan(result.depth_m_max, core.depth_m);
+            self.withheld.push(core.force_withheld);
         }
         // Negative: none arrived.
         if core.measured_error_m >= 0.0 || core.measured_error_m.is_nan() {
@@ -370,6 +374,7 @@ impl Accumulator {
             ("finest_tolerance_m", &self.finest),
             ("expected_error_m", &self.expected),
             ("measured_error_m", &self.measured),
+            ("force_withheld", &self.withheld),
         ];
         let tables = tables.map(|(name, of)| (name.to_string(), of.is_finite));
         let forces = (
@@ -452,13 +457,19 @@ impl Accumulator {
         let series = self.series.finish(period_s);
         let named = |(name, stage): (&&str, &Fixed)| ((*name).to_string(), stage.spread());
         let stage_us = STAGES.iter().zip(&self.stages).map(named).collect();
-        let faces = self.faces.spread();
+        let median_max = |of: &Fixed| {
+            let of = of.spread();
+            MedianMax {
+                p50: of.p50,
+                max: of.max,
+            }
+        };
+        let (refined_faces, awake) = (median_max(&self.faces), median_max(&self.awake));
         let broad_phase = self.stages.last().map(Fixed::spread).unwrap_or_default();
         for (probe, force) in self.result.probes.iter_mut().zip(&self.forces) {
             probe.force_n = force.short();
         }
         let force = self.forces.into_iter().reduce(Fixed::together);
-        let awake = self.awake.spread();
         let result = RunResult {
             scene: meta.scene,
             model: meta.model,
@@ -474,20 +485,15 @@ impl Accumulator {
             work_wall_us: self.work_wall.spread(),
             stage_us,
             record_us: self.record.spread(),
-            refined_faces: MedianMax {
-                p50: faces.p50,
-                max: faces.max,
-            },
+            refined_faces,
             certified_error_m: self.certified.short(),
             measured_error_m: self.measured.short(),
             finest_tolerance_m: self.finest.short(),
             expected_error_m: self.expected.short(),
+            force_withheld: self.withheld.short(),
             objects: meta.objects,
             active_objects_max: meta.active_objects_max,
-            awake: MedianMax {
-                p50: awake.p50,
-                max: awake.max,
-            },
+            awake,
             idle_us: broad_phase,
             force_n: force.as_ref().map(Fixed::short).unwrap_or_default(),
             bytes_full_mesh: meta.bytes_full_mesh,

@@ -290,6 +290,10 @@ pub struct RunResult {
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.
     pub force_n: ShortSpread,
+    /// Share of the wanted force of a contact that was not rendered, over the ticks in contact: not
+    /// paid for where a contact is found late, or withheld by energy account or limits.
+    #[serde(default)]
+    pub force_withheld: ShortSpread,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,
     /// The same over the periods between the two, newtons a period: after skipped ones the hand has

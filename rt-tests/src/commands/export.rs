@@ -52,7 +52,7 @@ fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u6
         writeln!(
             table,
             "tick,x_m,y_m,z_m,qw,qx,qy,qz,fx_n,fy_n,fz_n,tx_nm,ty_nm,tz_nm,object,face,depth_m,\
-             contact_full,energy_j"
+             contact_full,energy_j,force_withheld"
         )?;
     }
     let mut ticks = 0;
@@ -128,6 +128,10 @@ fn probe_row(record: &TickRecord, k: usize) -> String {
         None => write!(row, ",,"),
     };
     let full = u8::from(core.contact_full);
-    let _ = write!(row, ",{},{full},{}", core.depth_m, core.energy_j);
+    let _ = write!(
+        row,
+        ",{},{full},{},{}",
+        core.depth_m, core.energy_j, core.force_withheld
+    );
     row
 }

@@ -24,6 +24,8 @@ pub enum Mutant {
     Sign,
     /// The energy account lets everything pass.
     Passivity,
+    /// The energy account lets a third of each force pass.
+    Mute,
     /// Samples that are not finite are taken.
     NotFinite,
     /// A tick may do four times as many splits.
@@ -98,12 +100,13 @@ pub enum Mutant {
 
 impl Mutant {
     /// All of them.
-    pub const ALL: [Self; 40] = [
+    pub const ALL: [Self; 41] = [
         Self::Clamp,
         Self::Slew,
         Self::Fault,
         Self::Sign,
         Self::Passivity,
+        Self::Mute,
         Self::NotFinite,
         Self::Budget,
         Self::Reference,

@@ -330,6 +330,7 @@ impl ActiveObject {
             tolerance_m: accuracy.tolerance_m,
             is_as_asked: accuracy.is_as_asked,
             depth_m: touch.depth_m,
+            paid: self.contacts.pairs[k].paid(),
         });
     }
 

@@ -32,6 +32,12 @@ impl Default for PaidCoupling {
 }
 
 impl PaidCoupling {
+    /// Share of the energy that is paid for, and of the wrench, 0 to 1.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.share
+    }
+
     /// A tick begins, in which nothing is coupled yet.
     pub fn begin_tick(&mut self) {
         self.coupled = [None, self.coupled[0]];

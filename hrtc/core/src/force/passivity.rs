@@ -270,6 +270,9 @@ impl EnergyAccount {
         if is(Mutant::Passivity) {
             return 1.0;
         }
+        if is(Mutant::Mute) {
+            return 1.0 / 3.0;
+        }
         self.is_apart = wanted == Wrench::ZERO;
         // As far as the hand has not paid for it already.
         let unpaid = (self.contact_joules + spring.stored_j - self.raised_j).max(0.0);

@@ -35,6 +35,8 @@ pub struct ContactState {
     pub is_as_asked: bool,
     /// Depth of the device behind the proxy, metres.
     pub depth_m: f64,
+    /// Share of the force that is paid for, 0 to 1.
+    pub paid: f64,
 }
 
 /// One probe and one object.
@@ -137,6 +139,11 @@ impl ProbeObjectPair {
             let start = self.start.take().map(|start| frame.object_to_model(start));
             self.proxy.begin(self.patch_m, frame.metres_per_unit, start);
         }
+    }
+
+    /// Share of the coupling's force that is paid for, 0 to 1.
+    pub fn paid(&self) -> f64 {
+        self.coupling.share()
     }
 
     /// The proxy of a tool that is near.

@@ -4,7 +4,7 @@
 mod page;
 
 use crate::machine::{Machine, right_words};
-use crate::report::units::{bytes, grouped, length, percent};
+use crate::report::units::{bytes, grouped, length, percent, percent_of};
 use hrtc::result::{Finished, Spread};
 use hrtc_core::Capacity;
 use scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
@@ -113,6 +113,12 @@ impl Report<'_> {
                 length(r.depth_m_max)
             ),
         ];
+        lines.push(format!(
+            "of the wanted force was withheld p50 {}, p99 {}, max {}: by the energy account, by limits, or where a contact was found late",
+            percent_of(r.force_withheld.p50),
+            percent_of(r.force_withheld.p99),
+            percent_of(r.force_withheld.max)
+        ));
         if r.stuck_ticks > 0 {
             lines.push(format!(
                 "in {} tick(s) a tool was stuck in a surface that had moved into it",
