@@ -4,8 +4,8 @@ use super::fixed::Fixed;
 use super::governor::GovernorStats;
 use super::series::Series;
 use super::{
-    CacheResult, Finished, Histograms, MAX_STATIONS, MedianMax, ProbeResult, RunMeta, RunResult,
-    SeriesBucket, StationHeard, Status, folded, last_or_nan,
+    CacheResult, Finished, Histograms, MAX_STATIONS, ProbeResult, RunMeta, RunResult, SeriesBucket,
+    StationHeard, Status, folded, last_or_nan,
 };
 use crate::tick_record::{STAGES, TickRecord};
 use glam::DVec3;
@@ -457,14 +457,7 @@ impl Accumulator {
         let series = self.series.finish(period_s);
         let named = |(name, stage): (&&str, &Fixed)| ((*name).to_string(), stage.spread());
         let stage_us = STAGES.iter().zip(&self.stages).map(named).collect();
-        let median_max = |of: &Fixed| {
-            let of = of.spread();
-            MedianMax {
-                p50: of.p50,
-                max: of.max,
-            }
-        };
-        let (refined_faces, awake) = (median_max(&self.faces), median_max(&self.awake));
+        let (refined_faces, awake) = (self.faces.median_max(), self.awake.median_max());
         let broad_phase = self.stages.last().map(Fixed::spread).unwrap_or_default();
         for (probe, force) in self.result.probes.iter_mut().zip(&self.forces) {
             probe.force_n = force.short();

@@ -1,6 +1,6 @@
 //! Histograms of fixed size.
 
-use super::{Buckets, ShortSpread, Spread};
+use super::{Buckets, MedianMax, ShortSpread, Spread};
 use hdrhistogram::Histogram;
 
 /// A histogram with a fixed range, three significant digits and an exact maximum. Counts of 32 bits
@@ -59,6 +59,11 @@ impl Fixed {
     pub(super) fn short(&self) -> ShortSpread {
         let Spread { p50, p99, max, .. } = self.spread();
         ShortSpread { p50, p99, max }
+    }
+
+    pub(super) fn median_max(&self) -> MedianMax {
+        let Spread { p50, max, .. } = self.spread();
+        MedianMax { p50, max }
     }
 
     /// The sum of two tables.
