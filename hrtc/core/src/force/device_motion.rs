@@ -23,23 +23,24 @@ pub struct DeviceMotion {
     positions: Option<Positions>,
     /// Estimated position within the encoder's step.
     position: DVec3,
-    /// What does work: the estimated position without noise.
-    counted: WithoutNoise,
+    /// The estimated position without noise.
+    estimated_without_noise: WithoutNoise,
     /// The measured position without noise.
-    moved: WithoutNoise,
+    measured_without_noise: WithoutNoise,
     /// Periods since that changed, along each axis.
     still: [u64; 3],
     /// Estimated motion in a period: now, one and two periods ago.
     estimated: [DVec3; 3],
 }
 
-/// A motion to a new position.
+/// A displacement to a new position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moved {
+pub struct Displacement {
     /// All of it.
-    pub displacement: DVec3,
-    /// Without the noise of the encoder: along some axes none, along others more than this motion.
-    pub counted: DVec3,
+    pub whole: DVec3,
+    /// Without the noise of the encoder: along some axes none, along others more than in this
+    /// period.
+    pub without_noise: DVec3,
     /// Whether the velocity estimate is zero.
     pub is_at_rest: bool,
 }
@@ -53,8 +54,8 @@ impl DeviceMotion {
             window,
             positions: None,
             position: DVec3::ZERO,
-            counted: WithoutNoise::at(DVec3::ZERO),
-            moved: WithoutNoise::at(DVec3::ZERO),
+            estimated_without_noise: WithoutNoise::at(DVec3::ZERO),
+            measured_without_noise: WithoutNoise::at(DVec3::ZERO),
             still: [0; 3],
             estimated: [DVec3::ZERO; 3],
         }
@@ -78,13 +79,18 @@ impl DeviceMotion {
         self.positions.map(|of| of.newest())
     }
 
-    /// The motion to the newest position, or `None` where it is the first. `elapsed` and `periods`:
-    /// see [`Positions::add`].
-    pub fn moved_to(&mut self, position: DVec3, [elapsed, periods]: [u64; 2]) -> Option<Moved> {
+    /// The displacement to the newest position, or `None` where it is the first. `elapsed` and
+    /// `periods`: see [`Positions::add`].
+    pub fn moved_to(
+        &mut self,
+        position: DVec3,
+        [elapsed, periods]: [u64; 2],
+    ) -> Option<Displacement> {
         let Some(positions) = &mut self.positions else {
             self.positions = Some(Positions::at(position));
             self.position = position;
-            (self.counted, self.moved) = (WithoutNoise::at(position), WithoutNoise::at(position));
+            self.estimated_without_noise = WithoutNoise::at(position);
+            self.measured_without_noise = WithoutNoise::at(position);
             return None;
         };
         positions.add(position, [elapsed, periods]);
@@ -92,13 +98,13 @@ impl DeviceMotion {
         let noise = 2.0 * self.step + MOTION_ROUNDING * position.abs().max_element();
         let before = self.position;
         self.position = self.estimated_position(position, motion, periods as f64);
-        let counted = self.counted.move_to(self.position, noise);
-        let moved = self.moved.move_to(position, noise);
+        let without_noise = self.estimated_without_noise.move_to(self.position, noise);
+        let moved = self.measured_without_noise.move_to(position, noise);
         let lasting = self.without_noise_at_rest(motion, moved, elapsed);
         self.estimated = [lasting, self.estimated[0], self.estimated[1]];
-        Some(Moved {
-            displacement: self.position - before,
-            counted,
+        Some(Displacement {
+            whole: self.position - before,
+            without_noise,
             is_at_rest: motion == DVec3::ZERO,
         })
     }
@@ -212,8 +218,8 @@ mod tests {
                     let (now, next) = (depth(tick as f64), depth((tick + 1) as f64));
                     let moved = device.moved_to(DVec3::X * measured(next), [1; 2]).unwrap();
                     let force = -stiffness * measured(now);
-                    all += force * moved.displacement.x;
-                    counted += force * moved.counted.x;
+                    all += force * moved.whole.x;
+                    counted += force * moved.without_noise.x;
                     work += force * (next - now);
                     path += (next - now).abs();
                 }

@@ -231,10 +231,10 @@ impl EnergyAccount {
             return;
         };
         let Wrench { force, torque } = self.wrench;
-        let work = force.dot(moved.displacement) + torque.dot(turned.displacement);
+        let work = force.dot(moved.whole) + torque.dot(turned.whole);
         self.joules += work - carried;
         let Wrench { force, torque } = self.limited;
-        let work = force.dot(moved.counted) + torque.dot(turned.counted);
+        let work = force.dot(moved.without_noise) + torque.dot(turned.without_noise);
         let lost = work - limited;
         let of_raised = lost.clamp(0.0, self.raised_j);
         self.raised_j -= of_raised;
@@ -348,11 +348,11 @@ impl EnergyAccount {
         work - released
     }
 
-    /// [`most_work_of_fall`] of a wrench whose force and torque do `works` in the coming period.
+    /// [`bound_of_fall`] of a wrench whose force and torque do `works` in the coming period.
     fn most_work_of_fall(&self, wrench: Wrench, works: [f64; 2]) -> f64 {
         let [slew_n, slew_nm] = self.slew;
-        let force = most_work_of_fall(wrench.force, works[0], &self.translation, slew_n);
-        force + most_work_of_fall(wrench.torque, works[1], &self.rotation, slew_nm)
+        let force = bound_of_fall(wrench.force, works[0], &self.translation, slew_n);
+        force + bound_of_fall(wrench.torque, works[1], &self.rotation, slew_nm)
     }
 
     /// Bound of the rounding error in the work relative to a moving surface, joules; 0 for a
@@ -457,7 +457,7 @@ fn most_work(force: DVec3, motion: &DeviceMotion) -> f64 {
 /// n = F / s periods of a motion u that grows by a it is the sum of `(F - k s) (u + k a)` over the
 /// whole k up to n, at most `u s (n - 1/2)² / 2 + a F n² / 6`. Of a share of the force it is at
 /// most the square of that share.
-fn most_work_of_fall(force: DVec3, work: f64, motion: &DeviceMotion, slew: f64) -> f64 {
+fn bound_of_fall(force: DVec3, work: f64, motion: &DeviceMotion, slew: f64) -> f64 {
     let periods = force.length() / slew;
     if periods <= 1.0 {
         return 0.0;

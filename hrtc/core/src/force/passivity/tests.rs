@@ -121,7 +121,7 @@ fn the_work_of_a_force_that_falls_has_a_bound_that_is_quadratic_in_it() {
         for k in 1..500 {
             let force = 0.01 * f64::from(k);
             let bound =
-                |newtons: f64| most_work_of_fall(DVec3::X * newtons, newtons * next, &device, slew);
+                |newtons: f64| bound_of_fall(DVec3::X * newtons, newtons * next, &device, slew);
             let mut work = 0.0;
             for periods in 1..=(force / slew) as u32 {
                 let periods = f64::from(periods);
