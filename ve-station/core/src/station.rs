@@ -9,7 +9,8 @@
 //! certain:
 //!
 //! - A new epoch of the session or a new incarnation of the client clears queue, numbers and
-//!   belief. The client then says what it holds ([`RegionAction::Resident`]) and asks for the rest.
+//!   belief. The client then says what it holds ([`protocol::RegionAction::Resident`]) and asks for
+//!   the rest.
 //! - A gap in the numbers of the requests *breaks* the epoch: queue and assumed residency are
 //!   emptied and nothing of this epoch is listened to. The client is told once
 //!   ([`ChunkHeader::of_gap`]) and starts a new epoch; where that chunk is lost, when it has heard
@@ -20,7 +21,7 @@
 //! One race remains that the station cannot see: a client that gives up a region while the answer
 //! to an earlier question is still under way may have dropped records which that answer counts on.
 //! The answer says of every VSP whether its record follows, so the client notices, and asks for
-//! that region again with every record ([`RegionAction::Resend`]).
+//! that region again with every record ([`protocol::RegionAction::Resend`]).
 //!
 //! # Turns
 //! Closures, contacts and tours are worked on in steps, and [`Station::poll_within`] makes a few
