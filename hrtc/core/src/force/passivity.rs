@@ -43,9 +43,9 @@
 //! fading is also at most `W / U` in a tick.
 //!
 //! Work that no spring gives back, as of a force that is shaded, would empty the account and end
-//! the force at once. It fades before: what such work takes in a period
-//! is at most half of the perception limit's share of what is left. So it may grow twofold, and the
-//! account still empties no faster than a force may fade.
+//! the force at once. It fades before: what such work takes in a period is at most half of the
+//! perception limit's share of what is left. So it may grow twofold, and the account still empties
+//! no faster than a force may fade.
 //!
 //! # Extrapolation
 //!
@@ -456,14 +456,14 @@ fn most_work(force: DVec3, motion: &DeviceMotion) -> f64 {
 /// does `work`, while it falls to zero by `slew` a period and the device goes on as it does. Over
 /// n = F / s periods of a motion u that grows by a it is the sum of `(F - k s) (u + k a)` over the
 /// whole k up to n, at most `u s (n - 1/2)² / 2 + a F n² / 6`. Of a share of the force it is at
-/// most the square of that share.
+/// most the square of that share. What falls against the motion puts out nothing.
 fn bound_of_fall(force: DVec3, work: f64, motion: &DeviceMotion, slew: f64) -> f64 {
     let periods = force.length() / slew;
     if periods <= 1.0 {
         return 0.0;
     }
     let growth = (motion.next() - motion.last()).dot(force).max(0.0);
-    let even = 0.5 * work * (periods - 0.5).powi(2) / periods;
+    let even = 0.5 * work.max(0.0) * (periods - 0.5).powi(2) / periods;
     even + growth * periods * periods / 6.0
 }
 

@@ -1,5 +1,7 @@
 //! The limits of the workspace: outside a ball or a box a spring pushes back, `F = k (c - x)` with
-//! c the nearest point inside. The energy account limits it like a surface.
+//! c the nearest point inside. The energy account limits it like a surface. A boundary that comes
+//! where the probe is has an energy that no motion has put in: it begins without force
+//! ([`PaidCoupling`]), and pushes with nearly all of it after a second.
 
 use super::DeviceSample;
 use crate::force::paid_coupling::PaidCoupling;
@@ -72,5 +74,69 @@ impl Boundary {
             raised_j: 0.0,
         };
         (back * stiffness_n_per_m, spring)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::motion::Twist;
+    use geometry::Pose;
+
+    const PERIOD_S: f64 = 1e-3;
+
+    fn boundary() -> Boundary {
+        Boundary::new(BoundaryPlan {
+            shape: Workspace::Ball {
+                centre: DVec3::ZERO,
+                radius: 0.01,
+            },
+            stiffness_n_per_m: 800.0,
+        })
+    }
+
+    /// The force on a device that has come to a place from another.
+    fn force(of: &mut Boundary, [from, to]: [DVec3; 2], amount: f64) -> DVec3 {
+        let device = DeviceSample {
+            pose: &Pose::at(to),
+            velocity: (to - from) / PERIOD_S,
+            moved: Twist {
+                linear: to - from,
+                angular: DVec3::ZERO,
+            },
+            elapsed: 1,
+        };
+        of.render(&device, amount, PERIOD_S).0.force
+    }
+
+    #[test]
+    fn one_that_is_there_pushes_with_all_of_its_force() {
+        let mut boundary = boundary();
+        let place = |tick: i32| DVec3::new(1e-4 * f64::from(100 - (tick - 100).abs()), 0.012, 0.0);
+        for tick in 0..200 {
+            let to = place(tick) - DVec3::Y * 0.012 * f64::from(u8::from(tick % 50 < 25));
+            let from = place(tick - 1)
+                - DVec3::Y * 0.012 * f64::from(u8::from((tick - 1).rem_euclid(50) < 25));
+            let due = boundary.force(to).0;
+            assert_eq!(force(&mut boundary, [from, to], 1.0), due, "{tick}");
+        }
+    }
+
+    #[test]
+    fn one_that_comes_where_the_probe_is_begins_without_force() {
+        let mut boundary = boundary();
+        let at = DVec3::X * 0.012;
+        let due = boundary.force(at).0.length();
+        let mut last = 0.0;
+        for tick in 0..1000 {
+            let amount = (f64::from(tick) * PERIOD_S / 0.1).min(1.0);
+            let now = force(&mut boundary, [at; 2], amount).length();
+            assert!(
+                now >= last && now - last < 0.01 * due,
+                "{tick}: {last} {now}"
+            );
+            last = now;
+        }
+        assert!(last > 0.98 * due, "{last} {due}");
     }
 }
