@@ -128,4 +128,11 @@ impl ProbeRecord {
         self.depth_m = max_or_nan(self.depth_m, state.depth_m);
         self.force_withheld = max_or_nan(self.force_withheld, 1.0 - state.paid);
     }
+
+    /// Of what contacts want, energy account and limits let this share pass.
+    pub(crate) fn pass(&mut self, share: f64) {
+        if self.contact {
+            self.force_withheld = 1.0 - share * (1.0 - self.force_withheld);
+        }
+    }
 }

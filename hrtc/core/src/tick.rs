@@ -169,8 +169,9 @@ impl Controller {
             !inputs.stopping && self.is_ready() && (is(Mutant::Fault) || self.fault().is_none());
         let is_open = is_open && (inputs.station != 0 || !is(Mutant::Silence));
         for probe in 0..self.probes.len() {
-            let mut rendered = self.render(probe, &mut record);
-            rendered.passed = self.limit(probe, tick, is_open, &rendered);
+            let rendered = self.render(probe, &mut record);
+            let passed = self.limit(probe, tick, is_open, &rendered);
+            record.probes[probe].pass(passed);
             self.report(probe, tick, &rendered, outputs, &mut record);
         }
         self.record(outputs, &mut record);
@@ -425,7 +426,6 @@ impl Controller {
             sum: sum.unwrap_or_default(),
             ahead,
             strongest: strongest.map(|(_, contact)| contact),
-            passed: 1.0,
         }
     }
 
@@ -469,9 +469,6 @@ impl Controller {
         of_probe.clamped = probe.clamped;
         of_probe.energy_j = probe.energy.joules();
         of_probe.given_j = probe.energy.given_j();
-        if of_probe.contact {
-            of_probe.force_withheld = 1.0 - forces.passed * (1.0 - of_probe.force_withheld);
-        }
         let contact = forces.strongest;
         if let Some(place) = outputs.wrenches.get_mut(k) {
             *place = probe.wrench;
@@ -512,6 +509,4 @@ struct ProbeForces {
     ahead: CarriedWork,
     /// The contact that pushes most.
     strongest: Option<ProbeContact>,
-    /// Share of the passive forces that energy account and limits let pass.
-    passed: f64,
 }

@@ -240,8 +240,8 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// `SEARCHED_A_STEP` VSPs. `None` with no steps left means that there may be more to say:
     /// call again.
     pub fn poll_within(&mut self, client: u64, steps: &mut u64) -> Option<Chunk> {
-        if let Some(at) = self.broken_session(client) {
-            return Some(self.broken(at));
+        if let Some(chunk) = self.tell_broken(client) {
+            return Some(chunk);
         }
         self.measure_contacts(client, steps);
         self.each_in_turn(client, steps, Self::answer)
@@ -286,18 +286,14 @@ impl<D: AsRef<[u8]>> Station<D> {
         })
     }
 
-    /// A session of a client that is to be told that its epoch is broken.
-    fn broken_session(&mut self, client: u64) -> Option<usize> {
-        let is_told = |s: &mut Session| s.client == client && s.take_broken();
-        self.sessions.iter_mut().position(is_told)
-    }
-
-    /// Tells a client that an epoch is broken.
-    fn broken(&mut self, at: usize) -> Chunk {
+    /// Tells a client that the epoch of one of its sessions is broken, if it is to be told.
+    fn tell_broken(&mut self, client: u64) -> Option<Chunk> {
+        let mut sessions = self.sessions.iter_mut();
+        let at = sessions.position(|s| s.client == client && s.take_broken())?;
         let (mut header, _) = blank(ChunkKind::Refused, self.sessions[at].object);
         self.address(at, &mut header);
         self.counters.chunks += 1;
-        header.of_gap()
+        Some(header.of_gap())
     }
 
     /// The next chunk of a session but for tours.

@@ -266,7 +266,7 @@ impl Probe {
         is_open: bool,
     ) -> [f64; 2] {
         if let Some(pose) = self.pose {
-            let moved = self.motion();
+            let before = self.last.unwrap_or(pose);
             self.book_motion(&pose);
             self.last = Some(pose);
             let seconds = self.elapsed as f64 * clock.period_s;
@@ -275,7 +275,7 @@ impl Probe {
                 let device = DeviceSample {
                     pose: &pose,
                     velocity: self.energy.motion() / clock.period_s,
-                    moved,
+                    displacement: pose.position - before.position,
                     elapsed: self.elapsed,
                 };
                 self.effects.render(clock, &device, &mut wanted);

@@ -203,7 +203,7 @@ impl Session {
 
     /// Whether it may send a chunk now. Notes when it could but for the credit.
     pub fn may_send(&mut self) -> bool {
-        let has_credit = self.sent - self.consumed < self.credit;
+        let has_credit = self.has_credit();
         let is_asked = !self.jobs.is_empty() || !self.tours.is_empty();
         self.waits_for_credit |= !has_credit && is_asked;
         has_credit && !self.broken
@@ -211,8 +211,11 @@ impl Session {
 
     /// Whether the client is to be told now that the epoch is broken: once an epoch.
     pub fn take_broken(&mut self) -> bool {
-        let has_credit = self.sent - self.consumed < self.credit;
-        has_credit && std::mem::take(&mut self.tells_broken)
+        self.has_credit() && std::mem::take(&mut self.tells_broken)
+    }
+
+    fn has_credit(&self) -> bool {
+        self.sent - self.consumed < self.credit
     }
 
     /// The tour asked for first, where a chunk of it may be sent.

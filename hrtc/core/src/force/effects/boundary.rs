@@ -4,6 +4,7 @@
 //! ([`PaidCoupling`]), and pushes with nearly all of it after a second.
 
 use super::DeviceSample;
+use crate::contact::motion::Twist;
 use crate::force::paid_coupling::PaidCoupling;
 use crate::force::passivity::CouplingSpring;
 use geometry::Wrench;
@@ -45,7 +46,11 @@ impl Boundary {
             torque: DVec3::ZERO,
         };
         let coupled = (wrench, spring.times(amount));
-        self.coupling.pay(coupled, &device.moved, false, period_s)
+        let moved = Twist {
+            linear: device.displacement,
+            angular: DVec3::ZERO,
+        };
+        self.coupling.pay(coupled, &moved, false, period_s)
     }
 
     /// Force (newtons) at a place (world, metres), and its spring; both zero inside.
@@ -80,7 +85,6 @@ impl Boundary {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::contact::motion::Twist;
     use geometry::Pose;
 
     const PERIOD_S: f64 = 1e-3;
@@ -100,10 +104,7 @@ mod tests {
         let device = DeviceSample {
             pose: &Pose::at(to),
             velocity: (to - from) / PERIOD_S,
-            moved: Twist {
-                linear: to - from,
-                angular: DVec3::ZERO,
-            },
+            displacement: to - from,
             elapsed: 1,
         };
         of.render(&device, amount, PERIOD_S).0.force
@@ -112,11 +113,14 @@ mod tests {
     #[test]
     fn one_that_is_there_pushes_with_all_of_its_force() {
         let mut boundary = boundary();
-        let place = |tick: i32| DVec3::new(1e-4 * f64::from(100 - (tick - 100).abs()), 0.012, 0.0);
+        // To and fro, inside and beyond in turn.
+        let place = |tick: i32| {
+            let across = 1e-4 * f64::from(100 - (tick - 100).abs());
+            let height = if tick.rem_euclid(50) < 25 { 0.0 } else { 0.012 };
+            DVec3::new(across, height, 0.0)
+        };
         for tick in 0..200 {
-            let to = place(tick) - DVec3::Y * 0.012 * f64::from(u8::from(tick % 50 < 25));
-            let from = place(tick - 1)
-                - DVec3::Y * 0.012 * f64::from(u8::from((tick - 1).rem_euclid(50) < 25));
+            let [from, to] = [place(tick - 1), place(tick)];
             let due = boundary.force(to).0;
             assert_eq!(force(&mut boundary, [from, to], 1.0), due, "{tick}");
         }

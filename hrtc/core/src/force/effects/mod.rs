@@ -36,7 +36,6 @@ pub mod texture;
 pub mod vibration;
 pub mod viscosity;
 
-use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::force::passivity::CouplingSpring;
 use crate::tuning::force::MAX_SHADING_FACES;
@@ -115,8 +114,8 @@ pub struct DeviceSample<'a> {
     pub pose: &'a Pose,
     /// Its velocity, m/s.
     pub velocity: DVec3,
-    /// Its motion since the last sample.
-    pub moved: Twist,
+    /// Its displacement since the last sample.
+    pub displacement: DVec3,
     /// Periods since the last call.
     pub elapsed: u64,
 }
