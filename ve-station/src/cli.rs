@@ -77,6 +77,9 @@ enum Command {
         /// Writes a picture too: where the mesh was cut, its regions and its levels of detail
         #[arg(long, value_name = "FILE.png")]
         picture: Option<PathBuf>,
+        /// The axis of the model that points upwards in the picture
+        #[arg(long, value_name = "AXIS", default_value = "z", requires = "picture")]
+        up: inspect::Axis,
         /// Prints one JSON object instead of text
         #[arg(long)]
         json: bool,
@@ -222,8 +225,9 @@ fn run(command: Command) -> Result<(), Box<dyn Error>> {
             file,
             size,
             picture,
+            up,
             json,
-        } => inspect_file(&file, size, picture.as_deref(), json),
+        } => inspect_file(&file, size, picture.as_deref().map(|path| (path, up)), json),
         Command::Export {
             file,
             output,
@@ -292,12 +296,12 @@ fn generate_mesh(shape: Shape, faces: u32, seed: u64, output: &Path) -> Result<(
 fn inspect_file(
     file: &Path,
     size: f64,
-    picture: Option<&Path>,
+    picture: Option<(&Path, inspect::Axis)>,
     json: bool,
 ) -> Result<(), Box<dyn Error>> {
     let found = inspect::inspect(file, size)?;
-    if let Some(path) = picture {
-        let bytes = inspect::model_picture(file)?;
+    if let Some((path, up)) = picture {
+        let bytes = inspect::model_picture(file, up)?;
         let written = spm_builder::write_atomically(path, |out| out.write_all(&bytes));
         written.map_err(|error| format!("{}: {error}", path.display()))?;
     }

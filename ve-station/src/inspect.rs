@@ -6,7 +6,7 @@ mod model_picture;
 mod seams;
 mod tolerance_table;
 
-pub use model_picture::model_picture;
+pub use model_picture::{Axis, model_picture};
 pub use seams::{Seam, Seams};
 pub use tolerance_table::{ToleranceRow, tolerance_table};
 

@@ -2,6 +2,7 @@
 
 use super::seams::Seams;
 use super::{InspectError, open};
+use clap::ValueEnum;
 use glam::DVec3;
 use picture::{Align, Camera, Canvas, Color, Size, Solids, WHITE, render};
 use spm::{FileError, RegionGrid, SpmFile, prefix_mesh};
@@ -45,6 +46,30 @@ const REGIONS: [Color; 7] = [
 ];
 const STEPS: [u32; 3] = [1, 2, 4];
 
+/// An axis of a model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Axis {
+    /// The first coordinate.
+    X,
+    /// The second one, upwards in most OBJ files.
+    Y,
+    /// The third one, upwards in most files for printers and machines.
+    Z,
+}
+
+impl Axis {
+    /// The direction that points upwards, and from where a model is seen: askew, from above, so
+    /// that of most models two sides and the upper one are seen.
+    fn up_and_eye(self) -> [DVec3; 2] {
+        let [up, eye] = [DVec3::Z, DVec3::new(0.55, -0.75, 0.42)];
+        match self {
+            Self::X => [up, eye].map(|v| DVec3::new(v.z, v.x, v.y)),
+            Self::Y => [up, eye].map(|v| DVec3::new(v.x, v.z, -v.y)),
+            Self::Z => [up, eye],
+        }
+    }
+}
+
 /// A mesh in the model's own coordinates.
 struct Mesh {
     positions: Vec<DVec3>,
@@ -79,27 +104,26 @@ impl Mesh {
 ///
 /// # Errors
 /// When the file is missing, refused or damaged.
-pub fn model_picture(path: &Path) -> Result<Vec<u8>, InspectError> {
+pub fn model_picture(path: &Path, up: Axis) -> Result<Vec<u8>, InspectError> {
     let file = open(path)?;
     let refused = |error| InspectError::File {
         path: path.to_path_buf(),
         error,
     };
-    let canvas = draw(&file, path).map_err(refused)?;
+    let canvas = draw(&file, path, up).map_err(refused)?;
     canvas.to_png().map_err(|error| InspectError::Picture {
         path: path.to_path_buf(),
         error,
     })
 }
 
-fn draw<D: AsRef<[u8]>>(file: &SpmFile<D>, path: &Path) -> Result<Canvas, FileError> {
+fn draw<D: AsRef<[u8]>>(file: &SpmFile<D>, path: &Path, up: Axis) -> Result<Canvas, FileError> {
     let header = file.model_header();
     let full = Mesh::read(file, header.faces.min(MAX_FACES))?;
-    // Askew, from above: of most models two sides and the upper one are seen.
-    let eye = DVec3::new(0.55, -0.75, 0.42);
+    let [up, eye] = up.up_and_eye();
     let half = (WIDTH - GAP) / 2;
     let aspect = f64::from(half) / f64::from(LARGE);
-    let camera = Camera::around(full.faces().flatten(), eye, DVec3::Z, aspect);
+    let camera = Camera::around(full.faces().flatten(), eye, up, aspect);
     let seams = Seams::of(&full.positions, &full.triangles);
     let mut canvas = Canvas::new(WIDTH, TITLE + LARGE + GAP + SMALL, [250, 250, 252]);
     write_title(&mut canvas, path, &full, header.faces, &seams);
@@ -125,7 +149,7 @@ fn draw<D: AsRef<[u8]>>(file: &SpmFile<D>, path: &Path) -> Result<Canvas, FileEr
         let camera = Camera::around(
             full.faces().flatten(),
             eye,
-            DVec3::Z,
+            up,
             f64::from(width) / f64::from(SMALL),
         );
         let mut panel = render(&mesh.solids(|_| LEVEL), &camera, width, SMALL, WHITE);
@@ -211,6 +235,19 @@ mod tests {
             color(3.5, 3.5, 4.5),
         ] {
             assert_ne!(here, beside);
+        }
+    }
+
+    #[test]
+    fn a_model_is_seen_from_above_whichever_axis_points_upwards() {
+        for (axis, expected) in [
+            (Axis::X, DVec3::X),
+            (Axis::Y, DVec3::Y),
+            (Axis::Z, DVec3::Z),
+        ] {
+            let [up, eye] = axis.up_and_eye();
+            assert_eq!(up, expected);
+            assert_eq!(eye.dot(up), 0.42);
         }
     }
 
