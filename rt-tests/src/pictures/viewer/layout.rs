@@ -1,6 +1,6 @@
 //! The layout of the viewer: space beside the curves; nothing needs a click.
 
-use super::series::PLOTS;
+use super::series::{PLOTS, Plot};
 use super::shapes::point;
 use super::touch::NEAR_EYE;
 use glam::DVec3;
@@ -9,15 +9,17 @@ use rerun::blueprint::{
     Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, Horizontal, SelectionPanel,
     Spatial3DView, TextDocumentView, TimePanel, TimeSeriesView, Vertical,
 };
-use rerun::external::re_sdk_types::blueprint::archetypes::EyeControls3D;
+use rerun::external::re_sdk_types::blueprint::archetypes::{EyeControls3D, PlotLegend};
 use rerun::log::{Chunk, LogMsg};
 use rerun::{
-    RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId, TextDocument,
-    ViewCoordinates,
+    AsComponents, RecordingStream, RecordingStreamBuilder, RecordingStreamResult, StoreId,
+    TextDocument, ViewCoordinates,
 };
 
 /// Widths of space and of the curves.
-const COLUMNS: [f32; 2] = [5.0, 3.0];
+const COLUMNS: [f32; 2] = [4.0, 3.0];
+/// Height of a plot of several curves, in those of one: its legend lies over it.
+const SEVERAL: f32 = 1.5;
 /// Heights of the touch, of the whole scene and of the legend.
 const ROWS: [f32; 3] = [10.0, 8.0, 3.0];
 /// Titles of both views of space.
@@ -64,9 +66,10 @@ pub fn send(stream: &RecordingStream, eye: Option<Eye>) -> RecordingStreamResult
         let view = TimeSeriesView::new(plot.title);
         view.with_origin(format!("plots/{}", plot.entity)).into()
     });
+    let heights = PLOTS.map(|plot| if plot.has_one() { 1.0 } else { SEVERAL });
     let columns: [ContainerLike; 2] = [
         Vertical::new(space).with_row_shares(ROWS).into(),
-        Vertical::new(plots).into(),
+        Vertical::new(plots).with_row_shares(heights).into(),
     ];
     let hidden = PanelState::Hidden;
     let blueprint = Blueprint::new(Horizontal::new(columns).with_column_shares(COLUMNS))
@@ -77,15 +80,52 @@ pub fn send(stream: &RecordingStream, eye: Option<Eye>) -> RecordingStreamResult
                 .with_state(PanelState::Collapsed)
                 .with_timeline(super::TIMELINE),
         );
-    send_with_eyes(stream, &blueprint, &[(NEAR, Some(NEAR_EYE)), (SCENE, eye)])
+    let mut views = vec![ViewProperty::eye(NEAR, &NEAR_EYE)];
+    views.extend(eye.map(|eye| ViewProperty::eye(SCENE, &eye)));
+    let alone = PLOTS.into_iter().filter(Plot::has_one);
+    views.extend(alone.map(|plot| ViewProperty::no_legend(plot.title)));
+    send_with(stream, &blueprint, &views)
 }
 
-/// Sends a blueprint with cameras of the views with these titles. The interface of rerun 0.36 has
-/// none, so they are added to the blueprint's messages, before the one that ends them.
-fn send_with_eyes(
+/// A property of a view.
+struct ViewProperty {
+    /// Of the view with this title.
+    title: &'static str,
+    /// Its entity below that of the view.
+    entity: &'static str,
+    value: Box<dyn AsComponents>,
+}
+
+impl ViewProperty {
+    /// From where a view of space is seen.
+    fn eye(title: &'static str, eye: &Eye) -> Self {
+        let controls = EyeControls3D::new()
+            .with_position(point(eye.position))
+            .with_look_target(point(eye.target))
+            .with_eye_up(point(eye.up));
+        Self {
+            title,
+            entity: "EyeControls3D",
+            value: Box::new(controls),
+        }
+    }
+
+    /// Of a plot whose title says what its curve is.
+    fn no_legend(title: &'static str) -> Self {
+        Self {
+            title,
+            entity: "PlotLegend",
+            value: Box::new(PlotLegend::new().with_visible(false)),
+        }
+    }
+}
+
+/// Sends a blueprint with properties of its views. The interface of rerun 0.36 has none, so they
+/// are added to the blueprint's messages, before the one that ends them.
+fn send_with(
     stream: &RecordingStream,
     blueprint: &Blueprint,
-    eyes: &[(&str, Option<Eye>)],
+    properties: &[ViewProperty],
 ) -> RecordingStreamResult<()> {
     let (staged, messages) = RecordingStreamBuilder::new(super::APPLICATION).memory()?;
     blueprint.send(&staged, BlueprintActivation::default())?;
@@ -95,12 +135,13 @@ fn send_with_eyes(
             LogMsg::ArrowMsg(store, arrow) if store.is_blueprint() => {
                 let chunk = Chunk::from_arrow_msg(arrow)?;
                 let words = chunk.to_string();
-                let eye = eyes.iter().find(|(title, _)| words.contains(title));
-                found.extend(eye.and_then(|of| Some((chunk.entity_path().clone(), of.1?))));
+                let of_view = properties.iter().filter(|of| words.contains(of.title));
+                found.extend(of_view.map(|of| (chunk.entity_path().clone(), of)));
             }
             LogMsg::BlueprintActivationCommand(command) => {
-                for (view, eye) in &found {
-                    send_eye(stream, &command.blueprint_id, &view.to_string(), eye)?;
+                for (view, property) in &found {
+                    let entity = format!("{view}/{}", property.entity);
+                    send_property(stream, &command.blueprint_id, entity, &*property.value)?;
                 }
             }
             message if message.store_id().is_blueprint() => {}
@@ -112,19 +153,15 @@ fn send_with_eyes(
     Ok(())
 }
 
-fn send_eye(
+fn send_property(
     stream: &RecordingStream,
     id: &StoreId,
-    view: &str,
-    eye: &Eye,
+    entity: String,
+    value: &dyn AsComponents,
 ) -> RecordingStreamResult<()> {
     let (staged, messages) = RecordingStreamBuilder::from_store_id(id).memory()?;
     staged.set_time_sequence("blueprint", 0);
-    let controls = EyeControls3D::new()
-        .with_position(point(eye.position))
-        .with_look_target(point(eye.target))
-        .with_eye_up(point(eye.up));
-    staged.log(format!("{view}/EyeControls3D"), &controls)?;
+    staged.log(entity, value)?;
     let all = messages.take().into_iter();
     let shown = all.filter(|of| matches!(of, LogMsg::ArrowMsg(..)));
     shown.for_each(|message| stream.record_msg(message));

@@ -16,6 +16,13 @@ pub struct Plot {
     curves: &'static [(&'static str, Number)],
 }
 
+impl Plot {
+    /// Whether it has one curve, which its title says.
+    pub fn has_one(&self) -> bool {
+        self.curves.len() == 1
+    }
+}
+
 /// All plots from above.
 pub const PLOTS: [Plot; 7] = [
     Plot {
