@@ -4,6 +4,7 @@ use crate::active::object::ActiveObject;
 use crate::bodies::{Movables, material_motion};
 use crate::cache::{Cache, CacheError};
 use crate::contact::motion::Twist;
+use crate::contact::rigid_proxy::StepSettings;
 use crate::controller::Controller;
 use crate::force::effects::UsageByKind;
 use crate::instance::ModelFrame;
@@ -22,6 +23,14 @@ impl Controller {
     pub fn set_sources(&mut self, sources: Sources) {
         for object in &mut self.active.objects {
             object.front.set_sources(sources);
+        }
+    }
+
+    /// Steps tools with these settings from now on, to compare them.
+    pub fn set_steps(&mut self, settings: StepSettings) {
+        let objects = self.active.objects.iter_mut();
+        for pair in objects.flat_map(|object| &mut object.contacts.pairs) {
+            pair.proxy.set_steps(settings);
         }
     }
 

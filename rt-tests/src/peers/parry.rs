@@ -21,6 +21,8 @@ pub enum ToolPose {
 
 /// A triangle mesh of parry: what both precisions are asked.
 pub trait Mesh {
+    /// The closest point of the mesh.
+    fn closest_point(&self, point: DVec3) -> DVec3;
     /// Distance from a point to the mesh.
     fn distance(&self, point: DVec3) -> f64;
     /// Bytes on the heap.
@@ -109,6 +111,13 @@ macro_rules! precision {
         }
 
         impl Mesh for $name {
+            #[inline]
+            fn closest_point(&self, point: DVec3) -> DVec3 {
+                use $parry::query::PointQuery;
+                let found = self.mesh.project_local_point(vector(point), false).point;
+                [found.x, found.y, found.z].map(f64::from).into()
+            }
+
             #[inline]
             fn distance(&self, point: DVec3) -> f64 {
                 use $parry::query::PointQuery;

@@ -5,7 +5,7 @@ use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Deadline, Limit, Nearest, Surface, Work, closest_point_within};
 use crate::contact::rigid_proxy::projection::MAX_ACTIVE;
-use crate::contact::rigid_proxy::{Imperceptible, Part, ToolContact, ToolProxy};
+use crate::contact::rigid_proxy::{Imperceptible, Part, StepSettings, ToolContact, ToolProxy};
 use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::effects::contact_set::Push;
@@ -136,6 +136,13 @@ impl ProxyKind {
                     tool.proxy.place(&start);
                 }
             }
+        }
+    }
+
+    /// Steps of a tool with other settings from now on.
+    pub fn set_steps(&mut self, settings: StepSettings) {
+        if let Self::Tool(tool) = self {
+            tool.proxy.set_steps(settings);
         }
     }
 

@@ -9,8 +9,8 @@ use crate::trajectory::scene_model::SceneModel;
 use hrtc_core::contact::sphere_proxy::SAME_WITHIN;
 use hrtc_core::record::max_or_nan;
 
-/// What is certified beside what is true, on scans; 3 on meshes without noise.
-const TIGHT: f64 = 5.0;
+/// What may be certified beside what is true.
+const TIGHT: f64 = 3.0;
 
 /// At tolerance 0 contacts equal the full mesh's to this share of the diagonal.
 const EQUAL: f64 = 1e-9;

@@ -8,6 +8,7 @@ use crate::report::units::{bytes, grouped};
 use crate::trajectory::scene_model::SceneModel;
 use hrtc_core::Controller;
 use hrtc_core::cache::Cache;
+use hrtc_core::contact::rigid_proxy::StepSettings;
 use hrtc_core::governor::{CostGroup, WorkCosts};
 use hrtc_core::lod::predict::{Course, Sources};
 use scene::{
@@ -34,6 +35,10 @@ const SLOWER: [f64; 6] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 const RATES_HZ: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
 /// Faces of the tool.
 const TOOL_FACES: [u32; 3] = [60, 240, 960];
+/// Steps of a tool in a tick.
+const ITERATIONS: [u32; 4] = [1, 2, 4, StepSettings::PRODUCT.max_steps];
+/// Contact offsets, in the product's.
+const OFFSETS: [f64; 4] = [0.1, 1.0, 10.0, 100.0];
 /// What is predicted from.
 const PREDICTORS: [(&str, Sources); 4] = [
     ("where the probe is", of(false, None, false)),
@@ -68,6 +73,8 @@ pub struct Variant {
 pub struct Beside {
     /// Sources of the prediction, where they are not the product's.
     pub sources: Option<Sources>,
+    /// How a tool steps.
+    pub steps: StepSettings,
     /// How many times slower than the reference machine the processor is.
     pub slow: f64,
 }
@@ -76,6 +83,7 @@ impl Default for Beside {
     fn default() -> Self {
         Self {
             sources: None,
+            steps: StepSettings::PRODUCT,
             slow: 1.0,
         }
     }
@@ -87,6 +95,7 @@ impl Beside {
         if let Some(sources) = self.sources {
             controller.set_sources(sources);
         }
+        controller.set_steps(self.steps);
         controller.set_costs(WorkCosts::REFERENCE.scaled([self.slow; CostGroup::ALL.len()]));
     }
 }
@@ -370,23 +379,52 @@ fn effects(model: &SceneModel) -> Result<Vec<Family>, Failure> {
 
 fn tools(model: &SceneModel) -> Result<Vec<Family>, Failure> {
     let probe = bundled(TOOL_SCENE, "tool.toml")?.probes.swap_remove(0);
-    let one = |count: u32| {
+    let with_tool = |knob: (Knob, f64), label: String, setting: String, faces: Option<u32>| {
         let mut shape = probe.shape.clone();
-        if let ProbeShape::Capsule { faces, .. } = &mut shape {
+        if let (ProbeShape::Capsule { faces, .. }, Some(count)) = (&mut shape, faces) {
             *faces = count;
         }
+        variant(model, knob, label, setting, |plan| {
+            plan.probes[0].shape = shape;
+            plan.probes[0].device = probe.device;
+        })
+    };
+    let faces = TOOL_FACES.map(|count| {
         let setting = format!("probe.shape = {{ capsule = {{ ..., faces = {count} }} }}");
         let knob = (Knob::ToolFaces, f64::from(count));
-        alone(variant(
-            model,
+        alone(with_tool(
             knob,
             format!("{count} faces"),
             setting,
-            |plan| {
-                plan.probes[0].shape = shape;
-                plan.probes[0].device = probe.device;
-            },
+            Some(count),
         ))
+    });
+    let stepped = |knob: (Knob, f64), label: String, steps: StepSettings| {
+        let setting = "no key of a scene: fixed in the code".to_string();
+        let mut variant = with_tool(knob, label, setting, None);
+        variant.beside.steps = steps;
+        variant
     };
-    Ok(TOOL_FACES.into_iter().map(one).collect())
+    let iterations = ITERATIONS.map(|max_steps| {
+        let steps = StepSettings {
+            max_steps,
+            ..StepSettings::PRODUCT
+        };
+        let label = format!("at most {max_steps} a tick");
+        stepped((Knob::Iterations, f64::from(max_steps)), label, steps)
+    });
+    let offsets = OFFSETS.map(|times| {
+        let contact_offset = times * StepSettings::PRODUCT.contact_offset;
+        let steps = StepSettings {
+            contact_offset,
+            ..StepSettings::PRODUCT
+        };
+        let label = format!("{contact_offset:.0e} of the gyration");
+        stepped((Knob::ContactOffset, contact_offset), label, steps)
+    });
+    // All of these beside one touch of the product's tool.
+    let variants: Vec<Variant> = iterations.into_iter().chain(offsets).collect();
+    let touch = variants.first().map(|variant| variant.plan.clone());
+    let stepped = Family { variants, touch };
+    Ok(faces.into_iter().chain([stepped]).collect())
 }

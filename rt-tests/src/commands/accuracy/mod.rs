@@ -10,6 +10,7 @@
 //! |---|---|
 //! | `knobs` | the settings beside the tolerance |
 //! | `measure`, `timing` | errors, forces, bytes; times |
+//! | `queries` | closest points of the same contacts in 32 and 64 bits |
 //! | `result`, `checks` | the JSON, and what must hold |
 //! | `table`, `page` | the terminal and the CSV; the HTML page with its pictures |
 
@@ -17,6 +18,7 @@ mod checks;
 mod knobs;
 mod measure;
 mod page;
+mod queries;
 mod result;
 mod table;
 mod timing;
@@ -155,10 +157,14 @@ fn study(
     ));
     timing::time(&mut measured)?;
     measured.extend(others(model, args, &reference, line)?);
-    let points = measured.iter_mut().map(|setting| &mut setting.point);
-    points.for_each(|point| point.speed_m_per_s = args.speed);
-    measured.extend(faster(model, args, line)?);
-    let points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
+    let mut points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
+    line.set_message(format!("{name}: queries in 32 and 64 bits"));
+    points.extend(queries::precision(model, &reference)?);
+    for point in &mut points {
+        point.speed_m_per_s = args.speed;
+    }
+    let faster = faster(model, args, line)?.into_iter();
+    points.extend(faster.map(|setting| setting.point));
     let checks = checks::checks(model, &reference, &points);
     found.checks.extend(checks);
     found.bytes.push(bytes(model, &points));

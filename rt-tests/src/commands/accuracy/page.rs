@@ -242,12 +242,8 @@ fn summary(html: &mut String, groups: &[Group<'_>]) {
         ),
         span(rows.iter().map(|r| r.0.trajectory_bytes as f64), size)
     );
-    html.push_str(NO_KNOBS);
     html.push_str("</ul>\n");
 }
-
-/// Settings of other controllers that would trade accuracy for time, and why there are none here.
-const NO_KNOBS: &str = "<li><b>Solver iterations, contact offset and 32-bit queries are no knobs.</b> The projection onto the contacts is exact after finitely many steps, so none can be saved; a ball keeps a hundred-millionth of its radius from a surface at rest and a tool a ten-thousandth of its radius of gyration, below every tolerance on the dial; and the narrow phase is in 64 bits throughout (rt-tests compare has parry in 32 and 64 bits beside it).</li>\n";
 
 /// All models in one picture: the median tick, and one in a hundred.
 fn hero_charts(groups: &[Group<'_>]) -> [Chart; 2] {

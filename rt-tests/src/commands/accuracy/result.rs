@@ -35,11 +35,17 @@ pub enum Knob {
     Effect,
     /// Faces of a tool in place of the ball.
     ToolFaces,
+    /// Steps of a tool in a tick: the iterations of its solver.
+    Iterations,
+    /// Distance at which the contacts of a tool act, as a fraction of its radius of gyration.
+    ContactOffset,
+    /// Bits of the numbers of a query.
+    Precision,
 }
 
 impl Knob {
     /// Those beside the tolerance, in the order of the page.
-    pub const OTHERS: [Self; 10] = [
+    pub const OTHERS: [Self; 13] = [
         Self::Grid,
         Self::BaseMesh,
         Self::Cache,
@@ -50,12 +56,22 @@ impl Knob {
         Self::Geomorph,
         Self::Effect,
         Self::ToolFaces,
+        Self::Iterations,
+        Self::ContactOffset,
+        Self::Precision,
     ];
 
     /// Whether the same touch is measured as with the other knobs, so that all can be compared.
     #[must_use]
     pub fn is_same_touch(self) -> bool {
-        !matches!(self, Self::Effect | Self::ToolFaces)
+        !matches!(
+            self,
+            Self::Effect
+                | Self::ToolFaces
+                | Self::Iterations
+                | Self::ContactOffset
+                | Self::Precision
+        )
     }
 
     /// Its name.
@@ -75,6 +91,9 @@ impl Knob {
             Self::Geomorph => "geomorph",
             Self::Effect => "effect",
             Self::ToolFaces => "tool faces",
+            Self::Iterations => "solver iterations",
+            Self::ContactOffset => "contact offset",
+            Self::Precision => "precision of queries",
         }
     }
 }

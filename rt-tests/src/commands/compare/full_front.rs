@@ -5,7 +5,6 @@
 //! the order of the tree. (After all splits they are in the order of these: where a query comes to
 //! another place, it then reads other cache lines for each face.)
 
-use super::questions::FullMesh;
 use crate::failure::Failure;
 use crate::models::Model;
 use ab_tree::{AbTree, leaf_key};
@@ -27,9 +26,9 @@ impl FullFront {
     ///
     /// # Errors
     /// When the file is damaged.
-    pub fn new(model: &Model) -> Result<Self, Failure> {
+    pub fn new<D: AsRef<[u8]>>(model: &Model<D>) -> Result<Self, Failure> {
         let split = split_mesh(model, model.records.len())?;
-        let FullMesh { positions, faces } = FullMesh::new(model);
+        let (positions, faces) = model.full_mesh();
         let count = faces.len() as u32;
         let mut places = HashMap::new();
         for place in 0..count {
@@ -66,7 +65,11 @@ impl FullFront {
     }
 
     /// Builds the tree over faces with their leaf codes.
-    fn over(model: &Model, mesh: ActiveMesh, leaves: &[(Handle, u32)]) -> Result<Self, Failure> {
+    fn over<D: AsRef<[u8]>>(
+        model: &Model<D>,
+        mesh: ActiveMesh,
+        leaves: &[(Handle, u32)],
+    ) -> Result<Self, Failure> {
         let handles = leaves.iter().map(|&(face, _)| face + 1).max();
         let start = Instant::now();
         let mut tree = AbTree::new(handles.unwrap_or(0));
@@ -128,7 +131,7 @@ impl FullFront {
 }
 
 /// Every face with the first splits performed, so many of them.
-fn split_mesh(model: &Model, splits: usize) -> Result<ActiveMesh, Failure> {
+fn split_mesh<D: AsRef<[u8]>>(model: &Model<D>, splits: usize) -> Result<ActiveMesh, Failure> {
     let mut mesh = model.active_mesh();
     let mut out = OperationFaces::new();
     for record in &model.records[..splits] {
@@ -138,6 +141,6 @@ fn split_mesh(model: &Model, splits: usize) -> Result<ActiveMesh, Failure> {
     Ok(mesh)
 }
 
-fn failed(model: &Model, error: &dyn std::fmt::Display) -> Failure {
+fn failed<D>(model: &Model<D>, error: &dyn std::fmt::Display) -> Failure {
     Failure::Run(format!("{}: {error}", model.name))
 }

@@ -28,7 +28,7 @@ mod peers;
 mod picture;
 mod questions;
 mod row;
-mod timing;
+pub(super) mod timing;
 pub(super) mod tools;
 pub(super) mod update;
 

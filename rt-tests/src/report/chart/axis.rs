@@ -141,6 +141,11 @@ impl Axis {
                     Unit::Bytes => self.byte_marks(),
                     _ => self.decade_marks(),
                 };
+                if marks.is_empty() {
+                    // So short an axis lies between two marks.
+                    let middle = (self.low * self.high).sqrt();
+                    marks.push((middle, self.worded(middle)));
+                }
                 if has_zero {
                     marks.insert(0, (0.0, "0".to_string()));
                 }
@@ -200,7 +205,8 @@ impl Axis {
         match self.unit {
             Unit::Length => length(mark),
             Unit::Time => digits(mark),
-            Unit::Bytes | Unit::Number => axis_label(mark),
+            Unit::Bytes => bytes(mark as u64),
+            Unit::Number => axis_label(mark),
         }
     }
 

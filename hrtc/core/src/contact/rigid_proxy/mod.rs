@@ -49,6 +49,7 @@ pub use contacts::ToolContact;
 pub use coupling_target::Imperceptible;
 pub use neighbourhood::{MAX_PAIRS, MAX_SURFACE_FACES};
 pub use shape::ToolProxyError;
+pub use steps::StepSettings;
 
 use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
@@ -69,8 +70,6 @@ use spm::{ActiveMesh, Handle, OperationFaces};
 use steps::MAX_STOPS;
 use sweep::Open;
 
-/// Contact offset, as a fraction of the radius of gyration.
-const CONTACT_OFFSET: f64 = 1e-4;
 /// Contact offset while the surface moves, at most, as a fraction of the step limit: twice the
 /// share of one geomorphing vertex (see [`crate::perception`]), since several may move one face.
 const MOVING_OFFSET: f64 = 0.625;
@@ -107,6 +106,7 @@ enum State {
 pub struct ToolProxy {
     tool: Tool,
     scale: f64,
+    settings: StepSettings,
     shape: ToolShape,
     balls: Vec<Ball>,
     near: Neighbourhood,
@@ -205,6 +205,7 @@ impl ToolProxy {
             rejected: 0,
             tool,
             scale,
+            settings: StepSettings::PRODUCT,
             shape,
         })
     }
@@ -238,6 +239,11 @@ impl ToolProxy {
         self.is_estimate = false;
         self.assumed = None;
         Ok(())
+    }
+
+    /// Steps with other settings from now on, to compare them.
+    pub fn set_steps(&mut self, settings: StepSettings) {
+        self.settings = settings;
     }
 
     /// Whether the proxy has been placed.
@@ -295,7 +301,7 @@ impl ToolProxy {
 
     /// Contact offset on a surface that does not move.
     fn static_offset(&self) -> f64 {
-        CONTACT_OFFSET * self.shape.gyration
+        self.settings.contact_offset * self.shape.gyration
     }
 
     /// Number of invalid poses so far.

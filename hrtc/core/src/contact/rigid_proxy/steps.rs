@@ -35,10 +35,26 @@ const MAX_FAILURES: u32 = 3;
 const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion; the next tick makes the remaining motion.
 const LAG: f64 = 0.05;
-/// Steps per tick; the next tick makes the remaining motion, from a safe placement.
-const MAX_STEPS: usize = 12;
 /// Stops that are remembered: one per step.
-pub(super) const MAX_STOPS: usize = MAX_STEPS;
+pub(super) const MAX_STOPS: usize = StepSettings::PRODUCT.max_steps as usize;
+
+/// By what a step of a tool could trade accuracy for time. No key of a scene; `rt-tests accuracy`
+/// compares them.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct StepSettings {
+    /// Steps per tick; the next tick makes the remaining motion, from a safe placement.
+    pub max_steps: u32,
+    /// Contact offset, as a fraction of the radius of gyration.
+    pub contact_offset: f64,
+}
+
+impl StepSettings {
+    /// What the controller uses.
+    pub const PRODUCT: Self = Self {
+        max_steps: 12,
+        contact_offset: 1e-4,
+    };
+}
 
 /// The state of the steps of one tick.
 pub(super) struct TickSteps<'a> {
@@ -114,7 +130,7 @@ impl ToolProxy {
         self.stops.clear();
         self.pace = self.pace.max(travelled.max(tick.look_around));
         let mut next = Next::Retry;
-        while next == Next::Retry && answer.steps < MAX_STEPS as u32 {
+        while next == Next::Retry && answer.steps < self.settings.max_steps {
             let wanted = self.at.to(&self.goal);
             self.contacts.carry(&self.at);
             // By the contacts of the last step.

@@ -1,5 +1,6 @@
 //! The knobs beside the tolerance: a sentence, curves and a table each; and what is best of all.
 
+use super::super::measure::ROUNDING;
 use super::super::result::{FASTER, Knob, Point};
 use super::{Group, shown, span};
 use crate::report::chart::{
@@ -19,15 +20,21 @@ const COSTS: [Quantity; 3] = [
     ("memory", Unit::Bytes, |p| p.rss_bytes as f64),
     ("bytes received", Unit::Bytes, |p| p.bytes as f64),
 ];
-/// The errors.
-const ERRORS: [Quantity; 4] = [
-    ("position", Unit::Length, |p| p.true_m),
-    ("normal, °", Unit::Number, |p| p.normal_deg),
-    ("force, N", Unit::Number, |p| p.force_n),
-    ("energy, J", Unit::Number, |p| p.energy_j.abs()),
+/// The errors; below these numbers they are rounding, and drawn as 0.
+const ERRORS: [(Quantity, f64); 4] = [
+    (("position", Unit::Length, |p| p.true_m), ROUNDING),
+    (("normal, °", Unit::Number, |p| p.normal_deg), 1e-5),
+    (("force, N", Unit::Number, |p| p.force_n), 1e-7),
+    (("energy, J", Unit::Number, |p| p.energy_j.abs()), 1e-9),
 ];
-/// Errors of the direction, the force and the energy below this are rounding, in their units.
-const NOTHING: f64 = 1e-9;
+/// The costs of a knob.
+fn costs(knob: Knob) -> Vec<Quantity> {
+    match knob {
+        // Nothing is received for a query.
+        Knob::Precision => vec![("query, p50, µs", Unit::Time, |p| p.tick_us.p50), COSTS[1]],
+        _ => COSTS.into(),
+    }
+}
 
 /// What a knob is, in a sentence.
 fn about(knob: Knob) -> &'static str {
@@ -52,6 +59,15 @@ fn about(knob: Knob) -> &'static str {
         Knob::ToolFaces => {
             "Faces of a capsule in place of the ball, beside the same tool on the full mesh."
         }
+        Knob::Iterations => {
+            "Steps that a tool makes in a tick at most, each with an exact projection onto its contacts; fixed at the last one. It ends before when nothing moves or the tick's budget is spent. The next tick goes on from there. Beside the product's tool on the full mesh."
+        }
+        Knob::ContactOffset => {
+            "How far from the surface a tool's contacts act, as a share of its radius of gyration; fixed at 1e-4. Beside the product's tool on the full mesh."
+        }
+        Knob::Precision => {
+            "Bits of the numbers of a query, fixed at 64 (with boxes of 32, rounded outwards). The closest point on the full mesh is asked from where the ball was in each contact, each once and without any memory; the times are those of one query alone, the memory is that of mesh and tree."
+        }
         Knob::Local | Knob::Global | Knob::Prefix => "",
     }
 }
@@ -74,7 +90,6 @@ pub fn knobs(html: &mut String, groups: &[Group<'_>]) {
     for knob in Knob::OTHERS.into_iter().filter(|&knob| turned(knob)) {
         one(html, groups, knob);
     }
-    html.push_str("<h3>What is no knob</h3>\n<p>Fixed in the code, with no key of a scene: the <b>solver iterations</b> (a tool's step ends when nothing moves or the tick's budget is spent, which <code>loop.operations</code> does not change; at most 12 steps), the <b>contact offset</b> of a tool (1e-4 of its size), and the <b>precision</b> of queries (f64; boxes f32, rounded outwards).</p>\n");
     pareto(html, groups);
 }
 
@@ -92,7 +107,13 @@ fn one(html: &mut String, groups: &[Group<'_>], knob: Knob) {
         about(knob),
         sentence(groups, knob)
     );
-    let row = |error: usize| COSTS.map(|cost| chart(groups, knob, ERRORS[error], cost));
+    let costs = costs(knob);
+    let row = |error: usize| {
+        let charts = costs
+            .iter()
+            .map(|&cost| chart(groups, knob, ERRORS[error], cost));
+        charts.collect::<Vec<_>>()
+    };
     let is_off = |&error: &usize| all(groups, knob).any(|p| drawn(ERRORS[error], p) > 0.0);
     if is_off(&0) {
         html.push_str(&grid(&row(0), 3, 230.0, Ground::Page));
@@ -120,19 +141,13 @@ fn all<'a>(groups: &[Group<'a>], knob: Knob) -> impl Iterator<Item = &'a Point> 
     })
 }
 
-/// An error that is drawn: rounding is 0.
-fn drawn((_, unit, error): Quantity, point: &Point) -> f64 {
+/// An error that is drawn.
+fn drawn(((_, _, error), least): (Quantity, f64), point: &Point) -> f64 {
     let error = error(point);
-    if unit == Unit::Length {
-        shown(error)
-    } else if error < NOTHING {
-        0.0
-    } else {
-        error
-    }
+    if error < least { 0.0 } else { error }
 }
 
-fn chart(groups: &[Group<'_>], knob: Knob, error: Quantity, cost: Quantity) -> Chart {
+fn chart(groups: &[Group<'_>], knob: Knob, error: (Quantity, f64), cost: Quantity) -> Chart {
     let place = |p: &Point| ((cost.2)(p), drawn(error, p), p.label.clone());
     let curves: Vec<Curve> = colored(groups)
         .flat_map(|(group, color)| {
@@ -148,8 +163,9 @@ fn chart(groups: &[Group<'_>], knob: Knob, error: Quantity, cost: Quantity) -> C
         .filter(|curve| !curve.points.is_empty())
         .collect();
     let x = Axis::over(cost.0, cost.1, xs(&curves));
-    let y = Axis::over(error.0, error.1, ys(&curves));
-    Chart::new(error.0, x, y, curves)
+    let (name, unit, _) = error.0;
+    let y = Axis::over(name, unit, ys(&curves));
+    Chart::new(name, x, y, curves)
 }
 
 /// What the settings of a knob cost and give, over the models.
@@ -174,6 +190,18 @@ fn sentence(groups: &[Group<'_>], knob: Knob) -> String {
 
 fn us(n: f64) -> String {
     format!("{} µs", digits(n))
+}
+
+fn newtons(n: f64) -> String {
+    format!("{} N", digits(n))
+}
+
+/// What is timed.
+fn timed(knob: Knob) -> &'static str {
+    match knob {
+        Knob::Precision => "query",
+        _ => "tick",
+    }
 }
 
 fn size(n: f64) -> String {
@@ -210,13 +238,19 @@ fn first_and_last(points: &[Vec<Point>]) -> String {
         }
     };
     format!(
-        "With {} against {}, the median tick takes {}, one in a hundred {}; the contact is off by at most {}; received are {}, memory is {}.",
+        "With {} against {}, the median {} takes {}, one in a hundred {}; the contact is off by at most {}, the force by {}; {}memory is {}.",
         escaped(&first.label),
         escaped(&last.label),
+        timed(first.knob),
         both(|p| p.tick_us.p50, us),
         both(|p| p.tick_us.p99, us),
         both(|p| shown(p.true_m), length),
-        both(|p| p.bytes as f64, size),
+        both(|p| drawn(ERRORS[2], p), newtons),
+        if first.bytes == 0 {
+            String::new()
+        } else {
+            format!("received are {}, ", both(|p| p.bytes as f64, size))
+        },
         both(|p| p.rss_bytes as f64, size)
     )
 }
