@@ -5,7 +5,7 @@
 
 use super::result::{Knob, Point, StageQuantiles};
 use crate::commands::compare::full_front::FullFront;
-use crate::commands::compare::timing;
+use crate::commands::compare::timing::{self, Timed};
 use crate::failure::Failure;
 use crate::peers::parry::{Mesh, ParryF32, ParryF64};
 use crate::report::quantile::Quantiles;
@@ -94,8 +94,8 @@ fn exact(model: &SceneModel, contacts: &[Contact]) -> Result<Vec<DVec3>, Failure
     points.map_err(|error| Failure::Input(format!("the model {}: {error}", model.mesh.name)))
 }
 
-/// Times of single queries, µs each.
-fn times(contacts: &[Contact], asked: [&Closest<'_>; 3]) -> [Vec<f64>; 3] {
+/// Times of single queries of each, µs.
+fn times(contacts: &[Contact], asked: [&Closest<'_>; 3]) -> Vec<Vec<f64>> {
     let ask = |closest: &Closest<'_>, k: usize| {
         closest(contacts[k].centre).map_or(f64::NAN, |found| found.x)
     };
@@ -104,10 +104,8 @@ fn times(contacts: &[Contact], asked: [&Closest<'_>; 3]) -> [Vec<f64>; 3] {
         contacts.len(),
         &mut [&mut |k| ask(a, k), &mut |k| ask(b, k), &mut |k| ask(c, k)],
     );
-    let mut us = timed
-        .into_iter()
-        .map(|timed| timed.ns.into_iter().map(|ns| ns * 1e-3).collect());
-    [0, 1, 2].map(|_| us.next().unwrap_or_default())
+    let us = |timed: Timed| timed.ns.iter().map(|ns| ns * 1e-3).collect();
+    timed.into_iter().map(us).collect()
 }
 
 /// How far the closest point, the normal and the force are off.

@@ -17,7 +17,7 @@ use rerun::{
 };
 
 /// Widths of space and of the curves.
-const COLUMNS: [f32; 2] = [4.0, 3.0];
+const COLUMNS: [f32; 2] = [5.0, 3.0];
 /// Height of a plot of several curves, in those of one: its legend lies over it.
 const SEVERAL: f32 = 1.5;
 /// Heights of the touch, of the whole scene and of the legend.

@@ -42,9 +42,9 @@ pub(super) const MAX_STOPS: usize = StepSettings::PRODUCT.max_steps as usize;
 /// compares them.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct StepSettings {
-    /// Steps per tick; the next tick makes the remaining motion, from a safe placement.
+    /// Steps per tick, at least 1; the next tick makes the remaining motion, from a safe placement.
     pub max_steps: u32,
-    /// Contact offset, as a fraction of the radius of gyration.
+    /// Contact offset, as a fraction of the radius of gyration, above 0.
     pub contact_offset: f64,
 }
 
