@@ -370,7 +370,13 @@ impl EnergyAccount {
     /// rising surface may add this much to the spring.
     #[must_use]
     pub fn reserve(&self, spring: CouplingSpring) -> f64 {
-        (0.0 - self.contact_joules - spring.stored_j).max(0.0)
+        self.balance(spring.stored_j).max(0.0)
+    }
+
+    /// Energy that the contact took in beyond `stored_j`, joules; negative where that is more.
+    #[must_use]
+    pub fn balance(&self, stored_j: f64) -> f64 {
+        0.0 - self.contact_joules - stored_j
     }
 
     /// Sets the wrench on the device for the coming period, and its `limited` part, which has
@@ -405,19 +411,6 @@ impl EnergyAccount {
     #[must_use]
     pub fn next(&self) -> DVec3 {
         self.translation.next()
-    }
-
-    /// Permitted share, 0 to 1, of a wanted force. At the end of the coming period the energy put
-    /// out plus `stored_j`, the energy in the spring then, is at most the energy taken in.
-    #[must_use]
-    pub fn share_of_spring(&self, wanted: DVec3, stored_j: f64) -> f64 {
-        let work = wanted.dot(self.next());
-        if work.is_nan() || work <= 0.0 || is(Mutant::Passivity) {
-            return 1.0;
-        }
-        // Two encoder steps of error in the balance are tolerated.
-        let noise = 2.0 * wanted.length() * self.translation.step();
-        ((noise - self.contact_joules - stored_j) / work).clamp(0.0, 1.0)
     }
 
     /// An empty account of the same device.

@@ -15,13 +15,16 @@
 //! that those of the others show: with their sum and their centre unchanged, the sum of friction is
 //! unchanged too.
 //!
+//! A fade-in makes the springs stiffer, and shortens `z` so that their energy stays: more would
+//! have to be taken back at the next turn, at once.
+//!
 //! A period of hold puts out energy as with any sampled spring (Colgate 1994), so friction has an
 //! energy account of its own, and no closed path gains energy. It counts force and torque.
 
 use super::contact_set::{Acting, MAX_CONTACTS};
 use super::{ContactSample, Rendered};
 use crate::contact::motion::Placement;
-use crate::force::passivity::{CouplingSpring, EnergyAccount};
+use crate::force::passivity::EnergyAccount;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -55,6 +58,17 @@ struct Anchor {
     slides: bool,
 }
 
+impl Anchor {
+    /// The anchor after its spring has become stiffer by a fade-in, `before` times as stiff until
+    /// then. A spring of the same deflection would have more energy, which nothing has paid for.
+    fn of_equal_energy(self, before: f64) -> Self {
+        Self {
+            deflection: self.deflection * before.min(1.0).sqrt(),
+            ..self
+        }
+    }
+}
+
 /// The last tick.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Last {
@@ -62,6 +76,8 @@ struct Last {
     device: Pose,
     /// Torque of the friction about the device's position.
     torque: DVec3,
+    /// Amount of the effect, 0 to 1.
+    amount: f64,
 }
 
 /// Friction of one contact in a tick.
@@ -89,11 +105,16 @@ impl Held {
         0.5 * self.stiffness_n_per_m * self.deflection.length_squared()
     }
 
+    /// Motion along the surface at the contact, of a motion of the device, metres and radians.
+    fn motion(&self, next: DVec3, turn: DVec3) -> DVec3 {
+        let next = next + turn.cross(self.arm);
+        next - self.normal * self.normal.dot(next)
+    }
+
     /// After a motion of the device, metres and radians.
     fn moved(&self, next: DVec3, turn: DVec3) -> Self {
-        let next = next + turn.cross(self.arm);
         Self {
-            deflection: self.deflection - (next - self.normal * self.normal.dot(next)),
+            deflection: self.deflection - self.motion(next, turn),
             ..*self
         }
     }
@@ -136,7 +157,9 @@ impl Friction {
             return;
         }
         let mut held = [Held::NONE; MAX_CONTACTS];
+        let fade = self.last.map_or(1.0, |last| last.amount / amount);
         let before = std::mem::replace(&mut self.anchors, [None; MAX_CONTACTS]);
+        let before = before.map(|anchor| anchor.map(|anchor| anchor.of_equal_energy(fade)));
         for (held, contact) in held.iter_mut().zip(&*contacts) {
             let size = contact.force.length();
             if size > 0.0 {
@@ -145,18 +168,23 @@ impl Friction {
             }
         }
         let held = &held[..contacts.len()];
-        let share = self.share(at, held);
-        let mut torque = DVec3::ZERO;
+        let [next, turn] = self.lead(at, held);
+        let mut sum = Wrench::ZERO;
         for (contact, held) in contacts.iter_mut().zip(held) {
-            let force = held.force() * share;
-            torque += held.arm.cross(force);
+            let force = held.moved(next, turn).force();
+            sum.force += force;
+            sum.torque += held.arm.cross(force);
             out.add_passive(force, contact.arm);
             out.spring.stored_j += held.stored_j();
+        }
+        if let Some(limit) = &mut self.limit {
+            limit.account.set_force(sum.force);
         }
         self.last = Some(Last {
             proxy: at.proxy,
             device: at.device,
-            torque,
+            torque: sum.torque,
+            amount,
         });
     }
 
@@ -203,10 +231,12 @@ impl Friction {
         }
     }
 
-    /// The share of the friction that its energy account permits.
-    fn share(&mut self, at: &ContactSample<'_>, held: &[Held]) -> f64 {
+    /// The part of the coming motion, metres and radians, after which the springs are to give their
+    /// force of now, so that its work over all of that motion is no more than they lose: half of
+    /// it, as a sampled spring needs, if the account knows of no other energy.
+    fn lead(&mut self, at: &ContactSample<'_>, held: &[Held]) -> [DVec3; 2] {
         let Some(EnergyLimit { account, encoder_m }) = &mut self.limit else {
-            return 1.0;
+            return [DVec3::ZERO; 2];
         };
         let (before, torque) = self
             .last
@@ -214,33 +244,27 @@ impl Friction {
         let turn = placement(&before).to(&placement(&at.device)).angular;
         let turned_j = torque.dot(turn);
         account.moved_to(&Pose::at(at.device.position), at.periods, [-turned_j; 2]);
+        account.dissipate_beyond(held.iter().map(Held::stored_j).sum());
         // What it turns in the coming period.
         let turn = turn / at.periods[1] as f64;
-        account.dissipate_beyond(held.iter().map(Held::stored_j).sum());
         let next = account.next();
         let then_j: f64 = held.iter().map(|of| of.moved(next, turn).stored_j()).sum();
-        let wanted = held.iter().fold(Wrench::ZERO, |sum, of| Wrench {
-            force: sum.force + of.force(),
-            torque: sum.torque + of.arm.cross(of.force()),
-        });
-        let share = if wanted.torque == DVec3::ZERO {
-            account.share_of_spring(wanted.force, then_j)
-        } else {
-            let work = wanted.force.dot(next) + wanted.torque.dot(turn);
-            // Two encoder steps of error in the balance are tolerated, as without a torque.
-            let noise = 2.0 * wanted.force.length() * *encoder_m;
-            let left = account.reserve(CouplingSpring {
-                stored_j: then_j - noise,
-                ..CouplingSpring::default()
-            });
-            if work > 0.0 {
-                (left / work).min(1.0)
-            } else {
-                1.0
-            }
-        };
-        account.set_force(wanted.force * share);
-        share
+        let (mut work, mut of_motion, mut force) = (0.0, 0.0, DVec3::ZERO);
+        for of in held {
+            let motion = of.motion(next, turn);
+            work += of.force().dot(motion);
+            of_motion += of.stiffness_n_per_m * motion.length_squared();
+            force += of.force();
+        }
+        // Two encoder steps of error in the balance are tolerated.
+        let noise = 2.0 * force.length() * *encoder_m;
+        let excess = work - account.balance(then_j) - noise;
+        if !(work > 0.0 && excess > 0.0) || is(Mutant::Passivity) {
+            return [DVec3::ZERO; 2];
+        }
+        // Never so far that the force would be reversed by more than half of the motion does.
+        let most = (work / of_motion).max(0.5);
+        [next, turn].map(|motion| motion * (excess / of_motion).min(most))
     }
 }
 
@@ -359,5 +383,65 @@ mod tests {
             assert!(limited < 1e-5, "{limited} J put out");
             assert!(!stays || free > 1e-3, "{free} J: nothing to limit");
         }
+    }
+
+    /// Forces of the friction of a ball pressed by 2 N, whose proxy and device take these
+    /// displacements, a tick each, at these amounts of the effect.
+    fn forces_along(steps: impl Iterator<Item = (DVec3, f64)>) -> Vec<DVec3> {
+        let plan = FrictionPlan {
+            static_: 0.4,
+            dynamic: 0.4,
+        };
+        let limit = EnergyLimit {
+            account: EnergyAccount::new(0.0, 1e-3),
+            encoder_m: 0.0,
+        };
+        let mut friction = Friction::new(plan, Some(limit));
+        let mut set = ContactSet::default();
+        let mut bench = Bench::new(HALF_M);
+        let forces = steps.map(|(displacement, amount)| {
+            bench.pose.position += displacement;
+            bench.step();
+            let push = Push {
+                point: bench.pose.position,
+                force: DVec3::Z * 2.0,
+            };
+            let pushes = [push];
+            let sample = bench.sample(&pushes);
+            let mut out = Rendered::default();
+            let mut contacts = set.track(&sample, push.force);
+            friction.render(&sample, contacts.all(), amount, &mut out);
+            out.passive.force
+        });
+        forces.collect()
+    }
+
+    /// A spring that a motion passes by, as at a turn, loses nothing: only what the hold puts out
+    /// along the motion is taken off its force.
+    #[test]
+    fn a_motion_across_the_deflection_takes_no_force_away() {
+        let step_m = 1e-5;
+        let slide = (0..200).map(|_| DVec3::X);
+        // Slowly from straight on to straight back.
+        let turn = (0..1800).map(|k| glam::DQuat::from_rotation_z(f64::from(k) * 1e-3) * DVec3::X);
+        let forces = forces_along(slide.chain(turn).map(|along| (along * step_m, 1.0)));
+        let largest = forces.windows(2).map(|pair| pair[0].distance(pair[1]));
+        let largest = largest.fold(0.0, f64::max);
+        assert!(largest < 2.0 * 800.0 * step_m, "{largest} N in a tick");
+        assert!(forces[1000].length() > 0.7, "{}", forces[1000]);
+    }
+
+    /// Its spring becomes stiffer where nothing moves: its energy is none that was put in.
+    #[test]
+    fn a_fade_in_at_rest_adds_no_energy() {
+        let slide = (0..5).map(|_| (DVec3::X * 1e-5, 0.1));
+        let fade = (1..=90).map(|k| (DVec3::ZERO, 0.1 + 0.01 * f64::from(k)));
+        let forces = forces_along(slide.chain(fade));
+        let stored_j = |force: DVec3, amount: f64| force.length_squared() / (2.0 * 800.0 * amount);
+        let (before, after) = (stored_j(forces[4], 0.1), stored_j(forces[94], 1.0));
+        assert!(
+            (after / before - 1.0).abs() < 1e-9,
+            "{after} J of {before} J"
+        );
     }
 }
