@@ -525,6 +525,28 @@ mod tests {
         }
     }
 
+    /// The surface carried the probe along, and the hand, which gave way, let it go on by as much
+    /// again: what the hand moves counted as its own motion and as the probe's.
+    #[test]
+    fn a_hand_that_gives_way_is_no_reason_to_go_farther() {
+        let [_, rough] = bodies().unwrap();
+        for (rate_hz, seed) in [(500.0, 4), (500.0, 5), (2000.0, 3)] {
+            let setup = Setup {
+                departs: WITHOUT_ACCOUNT.departs,
+                ..Setup::at_rate(rate_hz)
+            };
+            let how = Press {
+                coarse_m: coarse(0),
+                is_late: false,
+                is_rough: true,
+                is_in_hand: true,
+            };
+            let mut found = Found::new(0.0);
+            refined_and_back(&rough, setup, how, direction_of(seed, 3), &mut found).unwrap();
+            assert!(found.value <= 1.0, "seed {seed}: {}", found.value);
+        }
+    }
+
     fn folds_nothing(presses: &[(u64, u64)]) {
         let bytes = folded_ball().unwrap();
         let setup = WITHOUT_ACCOUNT;

@@ -137,6 +137,24 @@ impl StepCosts {
     }
 }
 
+/// The share, at most 1, of a way `along` that stays within a distance of 0 from a place within it;
+/// 0 from any other place.
+fn share_within(distance: f64, from: DVec3, along: DVec3) -> f64 {
+    let (a, b) = (along.length_squared(), from.dot(along));
+    let c = from.length_squared() - distance * distance;
+    if c >= 0.0 || a == 0.0 {
+        return 0.0;
+    }
+    let root = (b * b - a * c).sqrt();
+    // The positive solution of |from + t along| = distance, without cancellation.
+    let share = if b > 0.0 {
+        -c / (b + root)
+    } else {
+        (root - b) / a
+    };
+    share.min(1.0)
+}
+
 /// What a sweep may take after so much work: where there is no time left, nothing, and it goes as
 /// far as all faces are known.
 fn left_to_sweep(limit: &mut Limit<'_>, work: &Work) -> u32 {
@@ -223,10 +241,11 @@ impl Proxy {
         }
     }
 
-    /// Limits the slide of each tick from now on, beyond the device's own motion and beyond the
-    /// correction of contacts: model units, infinite for no limit. Where the surface moves, or the
-    /// device has passed a ridge behind which the nearest point is elsewhere, the proxy goes there
-    /// over several ticks, so that the force does not jump.
+    /// Limits the slide of each tick from now on: by so much, beyond the device's own motion, the
+    /// proxy may move, and its deflection from the device may change, beside the correction of
+    /// contacts. Model units, infinite for no limit. Where the surface moves, or the device has passed a ridge behind
+    /// which the nearest point is elsewhere, the proxy goes there over several ticks, so that the
+    /// force does not jump.
     pub fn limit_slide(&mut self, max_slide: f64) {
         self.max_slide = max_slide;
     }
@@ -252,13 +271,14 @@ impl Proxy {
         if !self.placed {
             self.place(goal);
         }
-        let moved = self.goal.distance(goal) + self.missed_motion;
+        let displacement = goal - self.goal;
+        let moved = displacement.length() + self.missed_motion;
         self.goal = goal;
         let start = self.position;
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
-        let mut advance = self.take_steps(surface, moved, limit.into());
+        let mut advance = self.take_steps(surface, (displacement, moved), limit.into());
         self.missed_motion = if advance.is_cut {
             (moved - start.distance(self.position)).max(0.0)
         } else {
@@ -270,10 +290,18 @@ impl Proxy {
         advance
     }
 
-    /// The steps of a tick in which the device moved so far.
-    fn take_steps(&mut self, surface: Surface<'_>, moved: f64, mut limit: Limit<'_>) -> Advance {
+    /// The steps of a tick, after this displacement of the device, which has `moved` so far with
+    /// what earlier ticks missed of it.
+    fn take_steps(
+        &mut self,
+        surface: Surface<'_>,
+        (displacement, moved): (DVec3, f64),
+        mut limit: Limit<'_>,
+    ) -> Advance {
         let mut work = Work::default();
         let (goal, start) = (self.goal, self.position);
+        // At the second place the deflection, and with it the force, is as in the last tick.
+        let unchanged = [start, start + displacement];
         // Faces farther than the motion of the device in this tick matter only to the sweep.
         let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
         let reach = ahead / f64::from(1u32 << self.halvings) + 1e-3 * self.radius;
@@ -300,7 +328,7 @@ impl Proxy {
             let step = project(wanted, self.constraints.planes());
             contact = self.strongest(step.active()).or(contact);
             let motion = self.lengthen(step.point, reach, &mut last_motion);
-            let motion = self.restrain(start, motion, most);
+            let motion = self.restrain(unchanged, motion, most);
             self.settled = self.position + motion;
             // Below the rounding error of the coordinates there is no motion left.
             if motion.length() <= self.rounding(length) {
@@ -422,29 +450,18 @@ impl Proxy {
         (free, hit.is_some() || share == 1.0)
     }
 
-    /// Limits a motion to `most` from the start of the tick, but obeys the half-spaces in full.
-    fn restrain(&mut self, start: DVec3, motion: DVec3, most: f64) -> DVec3 {
-        let behind = self.position - start;
-        if (behind + motion).length() <= most {
+    /// Limits a motion to `most` from each of these places, but obeys the half-spaces in full.
+    fn restrain(&mut self, places: [DVec3; 2], motion: DVec3, most: f64) -> DVec3 {
+        let behind = places.map(|place| self.position - place);
+        if behind.iter().all(|of| (*of + motion).length() <= most) {
             return motion;
         }
         self.is_behind = true;
         let out = project(DVec3::ZERO, self.constraints.planes()).point;
         // From there towards the whole motion: the half-spaces are convex, so all of it obeys them.
-        let (from, along) = (behind + out, motion - out);
-        let (a, b) = (along.length_squared(), from.dot(along));
-        let c = from.length_squared() - most * most;
-        if c >= 0.0 || a == 0.0 {
-            return out;
-        }
-        let root = (b * b - a * c).sqrt();
-        // The positive solution of |from + t along| = most, without cancellation.
-        let share = if b > 0.0 {
-            -c / (b + root)
-        } else {
-            (root - b) / a
-        };
-        out + along * share.min(1.0)
+        let along = motion - out;
+        let shares = behind.map(|of| share_within(most, of + out, along));
+        out + along * shares[0].min(shares[1])
     }
 
     /// The limit of a geometric series of steps (Aitken's extrapolation).
