@@ -6,6 +6,9 @@
 //! the probe began in; a boundary that comes where the probe is) is not: the spring begins with the
 //! share that is paid for, and the rest returns slowly. A motion of the device leaves the share as
 //! it is, and so does a wrench that is no number.
+//!
+//! Energy that is lost otherwise is paid for, too: what comes again soon after, as where a tool's
+//! end of the coupling was an estimate for a tick, is given at once.
 
 use super::passivity::CouplingSpring;
 use crate::contact::motion::Twist;
@@ -20,6 +23,8 @@ pub struct PaidCoupling {
     coupled: [Option<(Wrench, f64)>; 2],
     /// Share of the energy that is paid for, 0 to 1.
     share: f64,
+    /// Energy that is paid for and was lost of late, joules.
+    lost_j: f64,
 }
 
 impl Default for PaidCoupling {
@@ -27,6 +32,7 @@ impl Default for PaidCoupling {
         Self {
             coupled: [None; 2],
             share: 1.0,
+            lost_j: 0.0,
         }
     }
 }
@@ -57,12 +63,14 @@ impl PaidCoupling {
         let stiffness = spring.stiffness_n_per_m;
         let (wrench_before, before_j) = self.coupled[1].unwrap_or_default();
         if self.coupled[1].is_none() {
-            self.share = 1.0;
+            (self.share, self.lost_j) = (1.0, 0.0);
         }
         self.coupled[0] = Some((wrench, spring.stored_j));
         let pressed = |of: &Wrench| -(of.force.dot(moved.linear) + of.torque.dot(moved.angular));
-        let explained = pressed(&wrench_before).max(pressed(&wrench));
-        let mut unexplained = spring.stored_j - before_j - explained;
+        let change = spring.stored_j - before_j;
+        let explained = [pressed(&wrench_before), pressed(&wrench)];
+        let mut unexplained = change - explained[0].max(explained[1]);
+        let lost = (explained[0].min(explained[1]) - change).max(0.0);
         if !(unexplained.is_finite() && wrench.is_finite()) {
             // The force limiter makes no force of it. The balance goes on from the tick before.
             self.coupled[0] = self.coupled[1];
@@ -75,10 +83,15 @@ impl PaidCoupling {
             given = unexplained.clamp(0.0, most);
             unexplained -= given;
         }
+        let lost_j = (self.share * (spring.stored_j + lost) - spring.stored_j).max(0.0);
         if spring.stored_j > 0.0 {
             let paid_j = self.share * (spring.stored_j - unexplained);
-            self.share = (paid_j / spring.stored_j).clamp(0.0, 1.0);
+            let again = (spring.stored_j - paid_j).clamp(0.0, self.lost_j);
+            self.lost_j -= again;
+            self.share = ((paid_j + again) / spring.stored_j).clamp(0.0, 1.0);
         }
+        self.lost_j *= UNPAID_RETURNS_S / (UNPAID_RETURNS_S + period_s);
+        self.lost_j += lost_j;
         let returned = (1.0 - self.share) * period_s / (UNPAID_RETURNS_S + period_s);
         self.share += returned;
         let raised_j = self.share * given + returned * spring.stored_j;
@@ -125,5 +138,78 @@ mod tests {
             assert!(!force(wrong, 0.0).is_finite());
             assert_eq!(force(1e-3, 0.0), 1.0);
         }
+    }
+
+    /// A spring of 1 kN/m whose end is by `estimate_m` nearer in the tick of this number than where
+    /// it truly is, pressed at an even pace: its force in each tick.
+    fn forces(estimate_m: f64, at: u32, ticks: u32) -> Vec<f64> {
+        let mut coupling = PaidCoupling::default();
+        let stiffness_n_per_m = 1000.0;
+        let pressed_m = 1e-5;
+        let force = |tick: u32| {
+            let whole = pressed_m * f64::from(tick + 1);
+            let depth_m = if tick == at {
+                whole - estimate_m
+            } else {
+                whole
+            };
+            coupling.begin_tick();
+            let wrench = Wrench {
+                force: DVec3::Z * (stiffness_n_per_m * depth_m),
+                torque: DVec3::ZERO,
+            };
+            let spring = CouplingSpring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth_m * depth_m,
+                raised_j: 0.0,
+            };
+            let moved = Twist {
+                linear: DVec3::NEG_Z * pressed_m,
+                angular: DVec3::ZERO,
+            };
+            let coupled = (wrench, spring);
+            coupling.pay(coupled, &moved, false, 1e-3).0.force.z
+        };
+        (0..ticks).map(force).collect()
+    }
+
+    /// The device has pressed the spring as far as before: after a tick at an estimate all but
+    /// the work of a tick's motion is paid for.
+    #[test]
+    fn energy_that_an_estimate_hides_for_a_tick_is_paid_for() {
+        let (known, hidden) = (forces(0.0, 50, 60), forces(2e-4, 50, 60));
+        assert!(hidden[50] < 0.7 * known[50]);
+        for (known, hidden) in known[51..].iter().zip(&hidden[51..]) {
+            assert!(
+                (hidden / known - 1.0).abs() < 0.02,
+                "{hidden} N of {known} N"
+            );
+        }
+    }
+
+    /// What was never lost is not paid for: a surface that comes to a device that stays.
+    #[test]
+    fn energy_that_comes_of_itself_is_not_paid_for() {
+        let mut coupling = PaidCoupling::default();
+        let mut force = |depth_m: f64| {
+            coupling.begin_tick();
+            let wrench = Wrench {
+                force: DVec3::Z * (1000.0 * depth_m),
+                torque: DVec3::ZERO,
+            };
+            let spring = CouplingSpring {
+                stiffness_n_per_m: 1000.0,
+                stored_j: 500.0 * depth_m * depth_m,
+                raised_j: 0.0,
+            };
+            let still = Twist::default();
+            coupling
+                .pay((wrench, spring), &still, false, 1e-3)
+                .0
+                .force
+                .z
+        };
+        force(1e-6);
+        assert!(force(1e-3) < 0.01);
     }
 }
