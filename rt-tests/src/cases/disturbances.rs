@@ -330,7 +330,7 @@ fn repeat(
     let mut bench = Bench::new(&bytes, setup)?;
     bench.record();
     let (mut contacts, mut is_finite) = (0, true);
-    let ticks = size.of(4000, 100_000);
+    let ticks = setup.ticks(size.of(4000, 100_000));
     let place = |tick: u64| {
         let turn = 3e-3 * setup.ms(tick) + phase;
         let out = DVec3::new(turn.cos(), turn.sin(), 0.3 * (0.7 * turn).cos()).normalize();
