@@ -485,11 +485,8 @@ mod tests {
     /// The direction of a press in the run of a seed.
     fn direction_of(seed: u64, press: u64) -> DVec3 {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        let mut up = direction(&mut random);
-        for _ in 0..press {
-            up = direction(&mut random);
-        }
-        up
+        (0..press).for_each(|_| _ = direction(&mut random));
+        direction(&mut random)
     }
 
     /// As it was when these were found.
@@ -499,51 +496,37 @@ mod tests {
     };
 
     fn is_not_felt(presses: &[(u64, u64)]) {
-        is_not_felt_in(WITHOUT_ACCOUNT, presses);
+        is_not_felt_in(WITHOUT_ACCOUNT, false, presses);
     }
 
     fn is_not_felt_by_a_tool(presses: &[(u64, u64)]) {
-        is_not_felt_in(WITHOUT_ACCOUNT.with_tool(), presses);
+        is_not_felt_in(WITHOUT_ACCOUNT.with_tool(), false, presses);
     }
 
-    fn is_not_felt_in(setup: Setup, presses: &[(u64, u64)]) {
-        let [bytes, _] = bodies().unwrap();
+    /// `is_in_hand`: of a rough body, by a device in a hand.
+    fn is_not_felt_in(setup: Setup, is_in_hand: bool, presses: &[(u64, u64)]) {
+        let bodies = bodies().unwrap();
         for &(seed, k) in presses {
             let mut found = Found::new(0.0);
             let how = Press {
-                coarse_m: coarse(k),
-                is_late: k % 2 == 1,
-                is_rough: false,
-                is_in_hand: false,
+                coarse_m: coarse(if is_in_hand { k / 4 } else { k }),
+                is_late: !is_in_hand && k % 2 == 1,
+                is_rough: is_in_hand,
+                is_in_hand,
             };
-            refined_and_back(&bytes, setup, how, direction_of(seed, k), &mut found).unwrap();
-            assert!(
-                found.value <= 1.0,
-                "seed {seed}, press {k}: {}",
-                found.value
-            );
+            let (bytes, up) = (&bodies[usize::from(is_in_hand)], direction_of(seed, k));
+            refined_and_back(bytes, setup, how, up, &mut found).unwrap();
+            assert!(found.value <= 1.0, "{seed}, {k}: {}", found.value);
         }
     }
 
-    /// The surface carried the probe along, and the hand, which gave way, let it go on by as much
-    /// again: what the hand moves counted as its own motion and as the probe's.
+    /// What it moves counted twice.
     #[test]
     fn a_hand_that_gives_way_is_no_reason_to_go_farther() {
-        let [_, rough] = bodies().unwrap();
         for (rate_hz, seed) in [(500.0, 4), (500.0, 5), (2000.0, 3)] {
-            let setup = Setup {
-                departs: WITHOUT_ACCOUNT.departs,
-                ..Setup::at_rate(rate_hz)
-            };
-            let how = Press {
-                coarse_m: coarse(0),
-                is_late: false,
-                is_rough: true,
-                is_in_hand: true,
-            };
-            let mut found = Found::new(0.0);
-            refined_and_back(&rough, setup, how, direction_of(seed, 3), &mut found).unwrap();
-            assert!(found.value <= 1.0, "seed {seed}: {}", found.value);
+            let mut setup = Setup::at_rate(rate_hz);
+            setup.departs = WITHOUT_ACCOUNT.departs;
+            is_not_felt_in(setup, true, &[(seed, 3)]);
         }
     }
 
@@ -554,11 +537,7 @@ mod tests {
             let mut found = Found::new(0.0);
             let up = direction_of(seed, k);
             refined_over_folds(&bytes, setup, up, &mut found).unwrap();
-            assert!(
-                found.value <= 1.0,
-                "seed {seed}, press {k}: {}",
-                found.value
-            );
+            assert!(found.value <= 1.0, "{seed}, {k}: {}", found.value);
         }
     }
 

@@ -44,7 +44,8 @@ fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u6
     writeln!(
         run,
         "tick,start_ns,skipped,wake_ns,work_cpu_ns,work_wall_ns,{stages},record_ns,work_units,query_work,\
-         operation_faces,allowed_ns,spent_ns,vsplits,ecols,active_faces,cache_bytes,bytes_received,requests"
+         operation_faces,allowed_ns,spent_ns,vsplits,ecols,geomorphing,unfinished,early,late_contacts,stuck,\
+         active_faces,cache_bytes,bytes_received,requests"
     )?;
     let tables = (0..probes).map(|k| create(format!("probe-{k}.csv")));
     let mut tables = tables.collect::<io::Result<Vec<_>>>()?;
@@ -92,6 +93,11 @@ fn run_row(record: &TickRecord) -> String {
         core.spent_ns,
         core.vsplits,
         core.ecols,
+        core.geomorphing,
+        core.unfinished,
+        core.early,
+        core.late_contacts,
+        core.stuck,
         core.active_faces,
     ] {
         let _ = write!(row, ",{number}");

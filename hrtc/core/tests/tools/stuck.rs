@@ -195,12 +195,12 @@ fn between_two_sheets_that_close() {
 /// side it gets free.
 #[test]
 fn between_two_sheets_that_pass_each_other() {
+    let mut stuck = 0;
     for (name, mesh, turn) in tools() {
         for steps in [1, 20, 150] {
             let mut sheets = Sheets::new(-0.5 * HALF);
             let mut hand = GuidedTool::new(mesh.clone());
             let at = DVec3::new(0.05, 0.02, 0.0);
-            let mut stuck = 0;
             let mut lead = |hand: &mut GuidedTool, sheets: &Sheets, there: DVec3| {
                 let answer = tick(hand, sheets, there, turn);
                 stuck += u32::from(answer.is_stuck);
@@ -226,8 +226,31 @@ fn between_two_sheets_that_pass_each_other() {
                     at + DVec3::X * (0.01 * f64::from(k).min(2000.0)),
                 );
             }
-            let is_free = !hand.proxy.is_blocked();
-            assert!(stuck > 0 && is_free, "{name}, {steps}: {stuck}");
+            assert!(!hand.proxy.is_blocked(), "{name}, {steps}");
+        }
+    }
+    assert!(stuck > 0, "no tool was squeezed");
+}
+
+/// A sheet that comes at once, from below into a tool or over it, puts the tool out by no more than
+/// it has moved, so that it stays below the other one.
+#[test]
+fn a_sheet_that_jumps_into_a_tool_puts_it_out() {
+    for (name, mesh, turn) in tools() {
+        for gap in [0.3, 0.1] {
+            let mut sheets = Sheets::new(2.0 * HALF);
+            let mut hand = GuidedTool::new(mesh.clone());
+            let at = DVec3::new(0.05, 0.02, -RIM + 1.5 * HALF + gap * HALF);
+            for _ in 0..5 {
+                tick(&mut hand, &sheets, at, turn);
+            }
+            sheets.close(1.0, &mut hand);
+            for k in 0..20 {
+                let answer = tick(&mut hand, &sheets, at, turn);
+                let is_out = !answer.is_stuck && !hand.meets(&sheets.front);
+                assert!(is_out || k < 10, "{name}, {gap}, {k}");
+            }
+            assert!(is_between(&hand), "{name}, {gap}");
         }
     }
 }

@@ -53,6 +53,18 @@ impl ActiveMesh {
         angle.abs() > TAU
     }
 
+    /// The largest displacement of a corner in the last split, collapse or step, model units: the
+    /// surface moved nowhere by more.
+    #[must_use]
+    pub fn displacement(&self, operation: &OperationFaces) -> f64 {
+        let ends = operation.moved.into_iter().zip(operation.from);
+        let distances = ends.map(|(vertex, from)| {
+            let to = self.position(vertex).as_dvec3();
+            to.distance(from.as_dvec3())
+        });
+        distances.fold(0.0, f64::max)
+    }
+
     /// Corners of a created or removed face: fl is (vt, vu, vl), fr (vu, vt, vr).
     fn pair_corners(&self, operation: &OperationFaces, k: usize) -> [DVec3; 3] {
         let face: Handle = operation.pair[k];

@@ -176,11 +176,14 @@ impl ToolProxy {
         self.escape(surface, (mesh_change, tried), budget, answer)
     }
 
-    /// The side on which the tool belongs: that of its contacts, else of the face that it meets.
+    /// The side on which the tool belongs: that of its contacts, else where the surface has carried
+    /// its anchor, else of the face that it meets.
     fn side(&self) -> DVec3 {
         let normals = self.contacts.all().iter().map(|contact| contact.normal);
         let held_by: DVec3 = normals.sum();
-        held_by.try_normalize().unwrap_or(self.met_on)
+        let carried = self.anchor() - self.anchor_at(&self.at);
+        let sides = [held_by, carried].map(|side| side.try_normalize());
+        sides[0].or(sides[1]).unwrap_or(self.met_on)
     }
 
     /// Moves the tool, which meets the surface or is beyond it, out on its side: as far as needed,

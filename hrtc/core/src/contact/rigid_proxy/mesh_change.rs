@@ -6,8 +6,11 @@ use geometry::BoxPair;
 use glam::DVec3;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 
-/// Escapes that are tried, each twice as long as the one before.
-const ESCAPES: i32 = 6;
+/// Escapes that are tried, each half as long again as the one before: from as much as the faces
+/// that are known have come towards the tool, while the surface has moved farther.
+const ESCAPES: i32 = 24;
+/// Escapes after those, from as far as the surface has moved in an operation: several may have.
+const LONG_ESCAPES: i32 = 5;
 /// Shorter escapes before those, up to twice the motion of the surface in a tick if that is
 /// limited: mostly the surface has not moved far.
 const SHORT_ESCAPES: i32 = 4;
@@ -26,6 +29,8 @@ pub struct MeshChange {
     side: DVec3,
     /// Largest advance of a changed face towards the tool, model units.
     push: f64,
+    /// Largest displacement of the surface near the tool, model units.
+    displacement: f64,
     /// Changed faces near the tool, some of them inactive by now. If `count` is larger than the
     /// array, some are missing.
     #[serde(with = "serde_big_array::BigArray")]
@@ -42,6 +47,7 @@ impl MeshChange {
             may_have_met: false,
             side: DVec3::ZERO,
             push: 0.0,
+            displacement: 0.0,
             faces: [NONE; MAX_LISTED],
             count: 0,
         }
@@ -148,6 +154,7 @@ impl MeshChange {
             }
         }
         if is_near || was_near {
+            self.displacement = self.displacement.max(mesh.displacement(operation));
             self.is_there = true;
             self.is_new = true;
             for &face in changed().filter(|&&face| mesh.is_active(face)) {
@@ -175,7 +182,12 @@ impl MeshChange {
         let push = self.push.max(offset) + offset;
         let shorter = (0..SHORT_ESCAPES).map(move |k| most * 0.25 * f64::from(1 << k));
         let shorter = shorter.filter(move |&escape| offset < escape && escape < push);
-        let all = shorter.chain((0..ESCAPES).map(move |k| push * f64::from(1 << k)));
+        let displacement = self.displacement;
+        let longer = |first: f64, times: i32| (0..times).map(move |k| first * 1.5f64.powi(k));
+        let less = longer(push, ESCAPES);
+        let less = less.take_while(move |&escape| escape == push || escape < displacement);
+        let all = shorter.chain(less);
+        let all = all.chain(longer(displacement + push, LONG_ESCAPES));
         all.map(move |escape| side * escape)
     }
 }

@@ -243,9 +243,9 @@ impl Proxy {
 
     /// Limits the slide of each tick from now on: by so much, beyond the device's own motion, the
     /// proxy may move, and its deflection from the device may change, beside the correction of
-    /// contacts. Model units, infinite for no limit. Where the surface moves, or the device has passed a ridge behind
-    /// which the nearest point is elsewhere, the proxy goes there over several ticks, so that the
-    /// force does not jump.
+    /// contacts. Model units, infinite for no limit. Where the surface moves, or the device has
+    /// passed a ridge behind which the nearest point is elsewhere, the proxy goes there over a few
+    /// ticks, so that the force does not jump.
     pub fn limit_slide(&mut self, max_slide: f64) {
         self.max_slide = max_slide;
     }
@@ -278,7 +278,8 @@ impl Proxy {
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
-        let mut advance = self.take_steps(surface, (displacement, moved), limit.into());
+        let motion = (moved, [start, start + displacement]);
+        let mut advance = self.take_steps(surface, motion, limit.into());
         self.missed_motion = if advance.is_cut {
             (moved - start.distance(self.position)).max(0.0)
         } else {
@@ -290,18 +291,15 @@ impl Proxy {
         advance
     }
 
-    /// The steps of a tick, after this displacement of the device, which has `moved` so far with
-    /// what earlier ticks missed of it.
+    /// The steps of a tick in which the device moved so far. `unchanged`: where the proxy was, and
+    /// where its deflection, and with it the force, would be as in the last tick.
     fn take_steps(
         &mut self,
         surface: Surface<'_>,
-        (displacement, moved): (DVec3, f64),
+        (moved, unchanged): (f64, [DVec3; 2]),
         mut limit: Limit<'_>,
     ) -> Advance {
-        let mut work = Work::default();
-        let (goal, start) = (self.goal, self.position);
-        // At the second place the deflection, and with it the force, is as in the last tick.
-        let unchanged = [start, start + displacement];
+        let (goal, mut work) = (self.goal, Work::default());
         // Faces farther than the motion of the device in this tick matter only to the sweep.
         let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
         let reach = ahead / f64::from(1u32 << self.halvings) + 1e-3 * self.radius;
@@ -334,12 +332,7 @@ impl Proxy {
             if motion.length() <= self.rounding(length) {
                 break;
             }
-            // If every face in reach of the motion is known and all half-spaces are obeyed, only
-            // the faces without one can stop it.
-            let known = step.complete
-                && motion.length() <= reach
-                && self.constraints.dropped() == 0
-                && self.near.covers(self.position, self.radius + reach);
+            let known = step.complete && motion.length() <= reach && self.knows_all(reach);
             let swept = (known, skin_radius, left_to_sweep(&mut limit, &work));
             let (fraction, is_whole) = self.free_fraction(surface, motion, swept, &mut work);
             is_cut |= !is_whole;
@@ -367,6 +360,13 @@ impl Proxy {
             dropped,
             is_cut,
         }
+    }
+
+    /// Whether every face within reach is known and has its half-space, if it may stop the ball: a
+    /// motion that obeys all of these is stopped by the faces without one alone.
+    fn knows_all(&self, reach: f64) -> bool {
+        let covers = self.near.covers(self.position, self.radius + reach);
+        covers && self.constraints.dropped() == 0
     }
 
     /// The steps of a tick are done; whether it has seen all around, and was cut short.
