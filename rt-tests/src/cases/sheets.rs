@@ -178,7 +178,7 @@ fn thin_sheet(
         } else {
             500_000
         };
-        let count = size.of(16, full / 18);
+        let count = size.of(160, full / 18);
         sheet.pass_each(&bytes, (defaults, 0.0), count, random, &mut found)?;
     }
     Ok(found)
