@@ -108,76 +108,57 @@ mod tests {
     use super::*;
     use glam::DVec3;
 
+    const STIFFNESS_N_PER_M: f64 = 1000.0;
+
+    /// A tick with a spring that is compressed so far, after the device has pressed it by so much:
+    /// the force that is paid for, newtons.
+    fn force(coupling: &mut PaidCoupling, depth_m: f64, pressed_m: f64) -> f64 {
+        coupling.begin_tick();
+        let wrench = Wrench {
+            force: DVec3::Z * (STIFFNESS_N_PER_M * depth_m),
+            torque: DVec3::ZERO,
+        };
+        let spring = CouplingSpring {
+            stiffness_n_per_m: STIFFNESS_N_PER_M,
+            stored_j: 0.5 * STIFFNESS_N_PER_M * depth_m * depth_m,
+            raised_j: 0.0,
+        };
+        let moved = Twist {
+            linear: DVec3::NEG_Z * pressed_m,
+            angular: DVec3::ZERO,
+        };
+        let coupled = (wrench, spring);
+        coupling.pay(coupled, &moved, false, 1e-3).0.force.z
+    }
+
     /// A contact whose coupling is no number for one tick has its force in the next.
     #[test]
     fn a_force_that_is_no_number_is_gone_for_its_tick_only() {
         let mut coupling = PaidCoupling::default();
-        let stiffness_n_per_m = 1000.0;
-        let mut force = |depth_m: f64, pressed_m: f64| {
-            coupling.begin_tick();
-            let wrench = Wrench {
-                force: DVec3::Z * (stiffness_n_per_m * depth_m),
-                torque: DVec3::ZERO,
-            };
-            let spring = CouplingSpring {
-                stiffness_n_per_m,
-                stored_j: 0.5 * stiffness_n_per_m * depth_m * depth_m,
-                raised_j: 0.0,
-            };
-            let moved = Twist {
-                linear: DVec3::NEG_Z * pressed_m,
-                angular: DVec3::ZERO,
-            };
-            let coupled = (wrench, spring);
-            coupling.pay(coupled, &moved, false, 1e-3).0.force.z
-        };
         for tick in 1..=100 {
-            force(1e-5 * f64::from(tick), 1e-5);
+            force(&mut coupling, 1e-5 * f64::from(tick), 1e-5);
         }
         for wrong in [f64::NAN, f64::INFINITY] {
-            assert!(!force(wrong, 0.0).is_finite());
-            assert_eq!(force(1e-3, 0.0), 1.0);
+            assert!(!force(&mut coupling, wrong, 0.0).is_finite());
+            assert_eq!(force(&mut coupling, 1e-3, 0.0), 1.0);
         }
     }
 
-    /// A spring of 1 kN/m whose end is by `estimate_m` nearer in the tick of this number than where
-    /// it truly is, pressed at an even pace: its force in each tick.
-    fn forces(estimate_m: f64, at: u32, ticks: u32) -> Vec<f64> {
-        let mut coupling = PaidCoupling::default();
-        let stiffness_n_per_m = 1000.0;
-        let pressed_m = 1e-5;
-        let force = |tick: u32| {
-            let whole = pressed_m * f64::from(tick + 1);
-            let depth_m = if tick == at {
-                whole - estimate_m
-            } else {
-                whole
-            };
-            coupling.begin_tick();
-            let wrench = Wrench {
-                force: DVec3::Z * (stiffness_n_per_m * depth_m),
-                torque: DVec3::ZERO,
-            };
-            let spring = CouplingSpring {
-                stiffness_n_per_m,
-                stored_j: 0.5 * stiffness_n_per_m * depth_m * depth_m,
-                raised_j: 0.0,
-            };
-            let moved = Twist {
-                linear: DVec3::NEG_Z * pressed_m,
-                angular: DVec3::ZERO,
-            };
-            let coupled = (wrench, spring);
-            coupling.pay(coupled, &moved, false, 1e-3).0.force.z
-        };
-        (0..ticks).map(force).collect()
-    }
-
-    /// The device has pressed the spring as far as before: after a tick at an estimate all but
-    /// the work of a tick's motion is paid for.
+    /// The device has pressed the spring as far as before: after a tick at an estimate all but the
+    /// work of a tick's motion is paid for.
     #[test]
     fn energy_that_an_estimate_hides_for_a_tick_is_paid_for() {
-        let (known, hidden) = (forces(0.0, 50, 60), forces(2e-4, 50, 60));
+        let forces = |estimate_m: f64| {
+            let mut coupling = PaidCoupling::default();
+            let pressed_m = 1e-5;
+            let at = |tick: u32| {
+                let hidden = if tick == 50 { estimate_m } else { 0.0 };
+                let depth_m = pressed_m * f64::from(tick + 1) - hidden;
+                force(&mut coupling, depth_m, pressed_m)
+            };
+            (0..60).map(at).collect::<Vec<_>>()
+        };
+        let (known, hidden) = (forces(0.0), forces(2e-4));
         assert!(hidden[50] < 0.7 * known[50]);
         for (known, hidden) in known[51..].iter().zip(&hidden[51..]) {
             assert!(
@@ -191,25 +172,7 @@ mod tests {
     #[test]
     fn energy_that_comes_of_itself_is_not_paid_for() {
         let mut coupling = PaidCoupling::default();
-        let mut force = |depth_m: f64| {
-            coupling.begin_tick();
-            let wrench = Wrench {
-                force: DVec3::Z * (1000.0 * depth_m),
-                torque: DVec3::ZERO,
-            };
-            let spring = CouplingSpring {
-                stiffness_n_per_m: 1000.0,
-                stored_j: 500.0 * depth_m * depth_m,
-                raised_j: 0.0,
-            };
-            let still = Twist::default();
-            coupling
-                .pay((wrench, spring), &still, false, 1e-3)
-                .0
-                .force
-                .z
-        };
-        force(1e-6);
-        assert!(force(1e-3) < 0.01);
+        force(&mut coupling, 1e-6, 0.0);
+        assert!(force(&mut coupling, 1e-3, 0.0) < 0.01);
     }
 }

@@ -262,7 +262,7 @@ impl Friction {
         if !(work > 0.0 && excess > 0.0) || is(Mutant::Passivity) {
             return [DVec3::ZERO; 2];
         }
-        // Never so far that the force would be reversed by more than half of the motion does.
+        // At most until the force does no work; where it does next to none, half of the motion.
         let most = (work / of_motion).max(0.5);
         [next, turn].map(|motion| motion * (excess / of_motion).min(most))
     }
