@@ -520,7 +520,7 @@ mod tests {
         }
     }
 
-    /// What it moves counted twice.
+    /// Its motion was allowed to the probe as well.
     #[test]
     fn a_hand_that_gives_way_is_no_reason_to_go_farther() {
         for (rate_hz, seed) in [(500.0, 4), (500.0, 5), (2000.0, 3)] {

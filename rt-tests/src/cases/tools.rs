@@ -395,11 +395,11 @@ fn cavity(
         let change = response.force.distance(before.force);
         if tick > defaults.ticks(20) {
             found.must(response.record.contact);
-            // What the energy account gives back is its own, and is not felt.
-            let given_back = before.record.force_withheld - response.record.force_withheld;
-            let given_back = given_back.abs() * response.force.length();
-            found.must(given_back <= defaults.unfelt_n(response.force.length()));
-            found.most((change - given_back) / (2.0 * defaults.stiffness_n_per_m * moved));
+            // What the energy account takes or gives back is its own, and is not felt.
+            let by_account = before.record.force_withheld - response.record.force_withheld;
+            let by_account = by_account.abs() * response.force.length();
+            found.must(by_account <= defaults.unfelt_n(response.force.length()));
+            found.most((change - by_account) / (2.0 * defaults.stiffness_n_per_m * moved));
         }
         before = response;
     }

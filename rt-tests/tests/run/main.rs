@@ -277,7 +277,7 @@ fn a_hundred_objects_under_three_probes_are_reported_and_replayed() {
     }
     assert_eq!(number("allocations"), 0);
     // How soon it is depends on what else the machine does: `many_objects` of the golden runs asks
-    // it of the same scene in virtual time.
+    // it in virtual time, of three probes over sixteen objects.
     assert!(number("contact_full_ticks") > 0);
     assert_eq!(replay(&file).1["equal"], true);
 }

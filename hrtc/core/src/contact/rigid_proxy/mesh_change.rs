@@ -5,12 +5,16 @@ use super::shape::ToolShape;
 use geometry::BoxPair;
 use glam::DVec3;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
+use std::iter;
 
-/// Escapes that are tried, each half as long again as the one before: from as much as the faces
-/// that are known have come towards the tool, while the surface has moved farther.
-const ESCAPES: i32 = 24;
-/// Escapes after those, from as far as the surface has moved in an operation: several may have.
-const LONG_ESCAPES: i32 = 5;
+/// How much longer each escape is than the one before: room for the tool is not passed over if its
+/// far end is half as far again as its near one.
+const LONGER: f64 = 1.5;
+/// Escapes from the push of the known faces to as far as the surface has moved, at most: from the
+/// least push, two contact offsets, to twice the tool's radius of gyration.
+const ESCAPES: usize = 24;
+/// Escapes from there on, to five times as long: several operations may have moved the surface.
+const LONG_ESCAPES: usize = 5;
 /// Shorter escapes before those, up to twice the motion of the surface in a tick if that is
 /// limited: mostly the surface has not moved far.
 const SHORT_ESCAPES: i32 = 4;
@@ -183,11 +187,14 @@ impl MeshChange {
         let shorter = (0..SHORT_ESCAPES).map(move |k| most * 0.25 * f64::from(1 << k));
         let shorter = shorter.filter(move |&escape| offset < escape && escape < push);
         let displacement = self.displacement;
-        let longer = |first: f64, times: i32| (0..times).map(move |k| first * 1.5f64.powi(k));
-        let less = longer(push, ESCAPES);
-        let less = less.take_while(move |&escape| escape == push || escape < displacement);
-        let all = shorter.chain(less);
-        let all = all.chain(longer(displacement + push, LONG_ESCAPES));
+        let longer = |first: f64| {
+            let factors = iter::successors(Some(1.0), |factor| Some(LONGER * factor));
+            factors.map(move |factor| first * factor)
+        };
+        let known = longer(push).take(ESCAPES);
+        let known = known.take_while(move |&escape| escape == push || escape < displacement);
+        let moved = longer(displacement + push).take(LONG_ESCAPES);
+        let all = shorter.chain(known).chain(moved);
         all.map(move |escape| side * escape)
     }
 }

@@ -137,8 +137,8 @@ impl StepCosts {
     }
 }
 
-/// The share, at most 1, of a way `along` that stays within a distance of 0 from a place within it;
-/// 0 from any other place.
+/// The share, at most 1, of a way `along` that stays within a distance of the origin; 0 where it
+/// does not begin there.
 fn share_within(distance: f64, from: DVec3, along: DVec3) -> f64 {
     let (a, b) = (along.length_squared(), from.dot(along));
     let c = from.length_squared() - distance * distance;
