@@ -463,7 +463,7 @@ fn prediction_miss(
     bench.settle(DVec3::Z * setup.size_m)?;
     let mut found = Found::new(0.0);
     let mut coarse = 0;
-    for _ in 0..size.of(40, 4000) {
+    for _ in 0..size.of(120, 4000) {
         let direction = aim(random, 1.0).1 * if unit(random) < 0.5 { 1.0 } else { -1.0 };
         let speed = 1.0 + unit(random);
         let start = direction * setup.size_m;

@@ -345,7 +345,7 @@ fn a_moving_contact_is_bounded_over_a_very_thin_line() {
 #[test]
 fn a_resting_contact_becomes_full_over_a_very_thin_line() {
     /// Ticks of the tour, and for which the device then comes to rest.
-    const STOP: usize = 1200;
+    const STOP: usize = 1100;
     const SETTLES: usize = 300;
     const MOST: usize = 2000;
     let model = model();

@@ -52,8 +52,8 @@ struct Run {
     longest_way: u64,
     /// Points of the tour that came, repeated ones too.
     points: u64,
-    /// Most chunks of the tour that came while the station owed an answer, and those that came
-    /// since it does.
+    /// Most chunks of the tour that came in a row while the station owed an answer, and those that
+    /// came last.
     most_tours: u64,
     tours: u64,
 }
@@ -114,9 +114,11 @@ impl Run {
             if header.kind == ChunkKind::Tour as u32 {
                 self.points += u64::from(header.count);
                 self.tours += 1;
+            } else if header.kind == ChunkKind::Answers as u32 {
+                self.tours = 0;
             }
+            self.most_tours = self.most_tours.max(self.tours);
         }
-        self.most_tours = self.most_tours.max(self.tours);
     }
 
     fn wait_for_half(&mut self) {

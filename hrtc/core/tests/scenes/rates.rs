@@ -4,6 +4,7 @@ use crate::common::{World, plan, scene_plan, scene_station, scene_world, spm};
 use geometry::closest_point_on_segment;
 use glam::DVec3;
 use hrtc_core::lod::predict::TURNS;
+use scene::TrajectoryPlan;
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -136,11 +137,19 @@ const TOUR_S: f64 = 6.0;
 /// period, and the hand gives way as much later.
 const SHIFT_S: f64 = 0.02;
 
+/// Seconds from the first contact on that are not compared: in the soft start of 0.2 s nothing holds
+/// the hand, and where it presses deeper than the ball is large its contact may come to either side
+/// of a ridge.
+const START_S: f64 = 0.4;
+
 /// The contacts of a tour, seconds since the first one and places, metres; and the share of them at
 /// full resolution.
-fn path(rate_hz: f64, model: &[u8]) -> (Vec<(f64, DVec3)>, f64) {
+fn path(rate_hz: f64, seed: u64, model: &[u8]) -> (Vec<(f64, DVec3)>, f64) {
     let mut plan = plan("");
     plan.loop_ = plan.loop_.at_rate(rate_hz);
+    if let TrajectoryPlan::Tour { seed: of_tour, .. } = &mut plan.probes[0].trajectory {
+        *of_tour = seed;
+    }
     let mut options = ClientOptions {
         tour_s: TOUR_S,
         ..ClientOptions::default()
@@ -182,26 +191,31 @@ fn apart(contacts: &[(f64, DVec3)], other: &[(f64, DVec3)]) -> Vec<f64> {
 #[test]
 fn a_tour_has_the_same_contact_path_at_every_rate() {
     let model = spm(generate(Shape::Relief, 50_000, 1), &BuildOptions::default());
-    let (expected, _) = path(1000.0, &model);
-    for rate_hz in [250.0, 500.0, 2000.0, 4000.0] {
-        let (contacts, full) = path(rate_hz, &model);
-        let all = apart(&contacts, &expected);
-        let at = |share: f64| all[(share * (all.len() - 1) as f64) as usize];
-        let seconds = contacts.len() as f64 / rate_hz;
-        println!(
-            "{rate_hz} Hz: {seconds:.3} s of {:.3} s in contact, {:.2} % full; apart {:.1} um, 99 % {:.1}, most {:.1}",
-            expected.len() as f64 * 1e-3,
-            100.0 * full,
-            1e6 * at(0.5),
-            1e6 * at(0.99),
-            1e6 * at(1.0),
-        );
-        let shown = seconds / (expected.len() as f64 * 1e-3);
-        assert!((shown - 1.0).abs() < 5e-3 && full > 0.999, "{rate_hz} Hz");
-        // A tenth of the ball, and where it passes an edge a little earlier or later half of it.
-        assert!(
-            at(0.99) < 0.1 * RADIUS && at(1.0) < 0.5 * RADIUS,
-            "{rate_hz} Hz"
-        );
+    for seed in 1..=3 {
+        let (expected, _) = path(1000.0, seed, &model);
+        for rate_hz in [250.0, 500.0, 2000.0, 4000.0] {
+            let (contacts, full) = path(rate_hz, seed, &model);
+            let name = format!("seed {seed}, {rate_hz} Hz");
+            let started: Vec<_> = contacts
+                .iter()
+                .copied()
+                .filter(|at| at.0 > START_S)
+                .collect();
+            let all = apart(&started, &expected);
+            let at = |share: f64| all[(share * (all.len() - 1) as f64) as usize];
+            let seconds = contacts.len() as f64 / rate_hz;
+            println!(
+                "{name}: {seconds:.3} s of {:.3} s in contact, {:.2} % full; apart {:.1} um, 99 % {:.1}, most {:.1}",
+                expected.len() as f64 * 1e-3,
+                100.0 * full,
+                1e6 * at(0.5),
+                1e6 * at(0.99),
+                1e6 * at(1.0),
+            );
+            let shown = seconds / (expected.len() as f64 * 1e-3);
+            assert!((shown - 1.0).abs() < 1e-2 && full > 0.999, "{name}");
+            // A tenth of the ball, and where it passes an edge a little earlier or later half of it.
+            assert!(at(0.99) < 0.1 * RADIUS && at(1.0) < 0.5 * RADIUS, "{name}");
+        }
     }
 }

@@ -242,10 +242,10 @@ impl Proxy {
     }
 
     /// Limits the slide of each tick from now on: by so much, beyond the device's own motion, the
-    /// proxy may move, and its deflection from the device may change, beside the correction of
-    /// contacts. Model units, infinite for no limit. Where the surface moves, or the device has
-    /// passed a ridge behind which the nearest point is elsewhere, the proxy goes there over a few
-    /// ticks, so that the force does not jump.
+    /// deflection of the proxy from the device may change, beside the correction of contacts. Model
+    /// units, infinite for no limit. Where the surface moves, or the device has passed a ridge
+    /// behind which the nearest point is elsewhere, the proxy goes there over a few ticks, so that
+    /// the force does not jump.
     pub fn limit_slide(&mut self, max_slide: f64) {
         self.max_slide = max_slide;
     }
@@ -278,7 +278,7 @@ impl Proxy {
         self.is_behind = false;
         // Splits and collapses may have changed any face since the last tick.
         self.near.invalidate();
-        let motion = (moved, [start, start + displacement]);
+        let motion = (moved, start + displacement);
         let mut advance = self.take_steps(surface, motion, limit.into());
         self.missed_motion = if advance.is_cut {
             (moved - start.distance(self.position)).max(0.0)
@@ -291,12 +291,12 @@ impl Proxy {
         advance
     }
 
-    /// The steps of a tick in which the device moved so far. `unchanged`: where the proxy was, and
-    /// where its deflection, and with it the force, would be as in the last tick.
+    /// The steps of a tick in which the device moved so far. `unchanged`: where the proxy's
+    /// deflection, and with it the force, would be as in the last tick.
     fn take_steps(
         &mut self,
         surface: Surface<'_>,
-        (moved, unchanged): (f64, [DVec3; 2]),
+        (moved, unchanged): (f64, DVec3),
         mut limit: Limit<'_>,
     ) -> Advance {
         let (goal, mut work) = (self.goal, Work::default());
@@ -450,18 +450,17 @@ impl Proxy {
         (free, hit.is_some() || share == 1.0)
     }
 
-    /// Limits a motion to `most` from each of these places, but obeys the half-spaces in full.
-    fn restrain(&mut self, places: [DVec3; 2], motion: DVec3, most: f64) -> DVec3 {
-        let behind = places.map(|place| self.position - place);
-        if behind.iter().all(|of| (*of + motion).length() <= most) {
+    /// Limits a motion to `most` from a place, but obeys the half-spaces in full.
+    fn restrain(&mut self, place: DVec3, motion: DVec3, most: f64) -> DVec3 {
+        let from = self.position - place;
+        if (from + motion).length() <= most {
             return motion;
         }
         self.is_behind = true;
         let out = project(DVec3::ZERO, self.constraints.planes()).point;
         // From there towards the whole motion: the half-spaces are convex, so all of it obeys them.
         let along = motion - out;
-        let shares = behind.map(|of| share_within(most, of + out, along));
-        out + along * shares[0].min(shares[1])
+        out + along * share_within(most, from + out, along)
     }
 
     /// The limit of a geometric series of steps (Aitken's extrapolation).
