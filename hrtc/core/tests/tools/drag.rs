@@ -1,7 +1,7 @@
 //! Without friction nothing drags: a tool that slides or turns is held only along the contact
-//! normals, however fine the mesh and however fast the hand.
+//! normals, however fine the mesh and however fast the hand; and over an edge nothing jolts.
 
-use crate::common::fronts::{Front, plate_mesh};
+use crate::common::fronts::{Front, box_mesh, plate_mesh};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
@@ -211,5 +211,64 @@ fn bumps_do_not_hold_a_tool_back() {
             assert!(drag < 0.3, "{name} that swings by {swing}: {drag}");
             assert!(across > 400.0 * 0.5, "{name}: it is pressed on");
         }
+    }
+}
+
+/// Pressed into the top of a box and led out over its edge, where the nearest way out is another
+/// one: the proxy goes there at once, the force over some ticks.
+#[test]
+fn over_an_edge_the_force_changes_by_a_few_times_the_devices_motion() {
+    let (half, depth) = (0.02, 0.002);
+    let block = Front::of_mesh(&box_mesh(DVec3::splat(half)));
+    let lie = DQuat::from_rotation_x(0.25 * TAU);
+    for (name, mesh, turn) in [
+        (
+            "cylinder along the edge",
+            cylinder_mesh(RADIUS, LENGTH, 240),
+            lie,
+        ),
+        (
+            "capsule along the edge",
+            capsule_mesh(RADIUS, LENGTH, 24, 20),
+            lie,
+        ),
+        (
+            "capsule upright",
+            capsule_mesh(RADIUS, LENGTH, 24, 20),
+            DQuat::IDENTITY,
+        ),
+    ] {
+        let lowest = mesh.positions.iter().map(|&p| (turn * p).z);
+        let lowest = lowest.fold(f64::INFINITY, f64::min);
+        let pose = |x: f64| Pose {
+            position: DVec3::new(x, 0.001, half - lowest - depth),
+            orientation: turn,
+        };
+        let mut hand = Hand::new(&mesh);
+        let start = half - 0.005;
+        hand.press(&block, &pose(start), DVec3::Z);
+        let at = |hand: &Hand| hand.proxy.penetration().linear;
+        let (mut last, mut before) = (hand.to(&block, &pose(start)), at(&hand));
+        let (mut farthest, mut first) = (0.0f64, None);
+        for k in 1..=250 {
+            let deflection = hand.proxy.deflection();
+            let wrench = hand.to(&block, &pose(start + STEP * f64::from(k)));
+            let own = STIFFNESS * (STEP + hand.proxy.contact_offset());
+            let change = (wrench.force - last.force).length();
+            // Four times its motion where a tick stops early, or 7 % of the coupling, which turns as
+            // well.
+            let felt = (4.0 * own).max(own + 0.07 * (STIFFNESS * deflection + own));
+            assert!(change <= felt, "{name}, tick {k}: {change} N of {felt} N");
+            farthest = farthest.max((at(&hand) - before).length());
+            first = first.or(Some(last.force));
+            (last, before) = (wrench, at(&hand));
+        }
+        // It has gone over the edge at once, and nothing holds it there.
+        assert!(
+            first.is_some_and(|force| force.z > 0.9 * STIFFNESS * depth),
+            "{name}"
+        );
+        assert!(farthest > 3.0 * STEP, "{name}: {farthest} m");
+        assert_eq!(last.force, DVec3::ZERO, "{name}");
     }
 }

@@ -1,8 +1,9 @@
-//! The end of the coupling while a tick stops before the proxy has converged. Proxy lag must not
-//! become force, and an estimated target moves at a limited rate.
+//! The end of the coupling. While a tick stops before the proxy has converged, proxy lag must not
+//! become force, and an estimated target moves at a limited rate. Where the proxy has converged but
+//! has gone far, over a ridge, the coupling follows it over a few ticks.
 
 use super::{ToolAdvance, ToolProxy};
-use crate::contact::motion::Placement;
+use crate::contact::motion::{Placement, Twist};
 use crate::perception::{GROWTH_PER_S, OF_PROXY, STEP_SHARE_PER_S};
 
 /// Largest motion of an estimated target, in units of the device's motion: a sliding tool moves
@@ -57,29 +58,29 @@ impl ToolProxy {
         }
     }
 
-    /// Limits the motion of an estimated target, and of the true target after it. An estimate
-    /// changes with every contact found or lost. At rest in the world, the device's own motion
-    /// deflects the coupling. Beyond that the deflection changes by at most the device's motion or
-    /// an imperceptible amount, and grows no faster than its energy may grow unpaid.
-    pub(super) fn limit_target_rate(&mut self, travelled: f64) {
+    /// Limits the motion of the target in a tick in which the device made a `motion`. An estimate,
+    /// and the true target after it, change with every contact found or lost. At rest in the world,
+    /// the device's own motion deflects the coupling. Beyond that the deflection changes by at most
+    /// the device's motion or an imperceptible amount, and grows no faster than its energy may grow
+    /// unpaid.
+    pub(super) fn limit_target_rate(&mut self, motion: &Twist) {
         let is_true = self.coupling_target == self.at;
+        self.is_following = false;
         if is_true && !self.is_estimate {
+            self.follow(motion);
             return;
         }
         let radius = self.shape.radius;
         let change = self.goal.to(&self.coupling_target).minus(&self.deflection);
         let Imperceptible {
             deflection: imperceptible,
-            step,
             period_s,
+            ..
         } = self.imperceptible;
         let imperceptible = imperceptible.max(self.static_offset());
-        let step = step.max(self.static_offset());
-        let step_share = STEP_SHARE_PER_S * period_s;
         let growth = GROWTH_PER_S * period_s;
-        let most = (MAX_TARGET_RATE * travelled + self.step_limit.limit())
-            .max(OF_PROXY * step_share * self.deflection.farthest(radius))
-            .max(step);
+        let most = (MAX_TARGET_RATE * motion.farthest(radius) + self.step_limit.limit())
+            .max(self.imperceptible_change(self.deflection.farthest(radius)));
         let share = (most / change.farthest(radius)).min(1.0);
         let deflection = self.deflection.plus(&change.times(share));
         let before = self.length_of(&self.deflection);
@@ -89,5 +90,27 @@ impl ToolProxy {
         if share < 1.0 || shorter < 1.0 {
             self.coupling_target = self.goal.moved(&deflection.times(shorter));
         }
+    }
+
+    /// Lets the coupling follow a proxy that has converged. Over a convex set of placements the
+    /// deflection changes by no more than the device moves, in the metric of the tool's mass; beyond
+    /// that, behind a ridge, by no more than is imperceptible in a tick.
+    fn follow(&mut self, motion: &Twist) {
+        let before = self.deflection.plus(motion);
+        let change = self.goal.to(&self.at).minus(&before);
+        let most = self.length_of(motion) + self.imperceptible_change(self.length_of(&before));
+        let length = self.length_of(&change);
+        if length > most {
+            self.is_following = true;
+            let deflection = before.plus(&change.times(most / length));
+            self.coupling_target = self.goal.moved(&deflection);
+        }
+    }
+
+    /// Change of a deflection in a tick that a hand cannot perceive, model units.
+    fn imperceptible_change(&self, deflection: f64) -> f64 {
+        let Imperceptible { step, period_s, .. } = self.imperceptible;
+        let of_deflection = OF_PROXY * STEP_SHARE_PER_S * period_s * deflection;
+        of_deflection.max(step).max(self.static_offset())
     }
 }

@@ -139,6 +139,8 @@ pub struct ToolProxy {
     /// Whether the target of the last tick was an estimate, and the deflection of the coupling
     /// there.
     is_estimate: bool,
+    /// Whether the target only follows a proxy that has converged.
+    is_following: bool,
     /// The target of the last tick, if the proxy had not reached it.
     assumed: Option<Placement>,
     deflection: Twist,
@@ -193,6 +195,7 @@ impl ToolProxy {
             is_behind: false,
             coupling_target: nowhere,
             is_estimate: false,
+            is_following: false,
             assumed: None,
             deflection: Twist::default(),
             imperceptible: Imperceptible::NOTHING,
@@ -237,6 +240,7 @@ impl ToolProxy {
         self.collection_cost = 0;
         self.step_cost = 0;
         self.is_estimate = false;
+        self.is_following = false;
         self.assumed = None;
         Ok(())
     }
@@ -423,11 +427,14 @@ impl ToolProxy {
         if self.state == State::Nowhere {
             self.at = goal;
             self.goal = goal;
+            self.coupling_target = goal;
             self.state = State::Inside;
         }
-        let travelled = self.goal.to(&goal).farthest(self.shape.radius);
+        let motion = self.goal.to(&goal);
+        let travelled = motion.farthest(self.shape.radius);
         self.deflection = goal.to(&self.coupling_target);
-        self.assumed = (self.coupling_target != self.at).then_some(self.coupling_target);
+        let is_assumed = self.coupling_target != self.at && !self.is_following;
+        self.assumed = is_assumed.then_some(self.coupling_target);
         self.device_travel += travelled;
         self.goal = goal;
         let start = self.at;
@@ -452,7 +459,7 @@ impl ToolProxy {
                     State::Stuck => self.at,
                     _ => self.target_allowed_by_contacts(&mut answer),
                 };
-                self.limit_target_rate(travelled);
+                self.limit_target_rate(&motion);
                 return answer;
             }
         }
@@ -461,7 +468,7 @@ impl ToolProxy {
             State::Clear => {
                 let limit = limit.part(0, budget);
                 self.take_steps(surface, &start, travelled, limit, &mut answer);
-                self.limit_target_rate(travelled);
+                self.limit_target_rate(&motion);
             }
             _ => {
                 let was_stuck = self.state == State::Stuck;
@@ -470,7 +477,7 @@ impl ToolProxy {
                 // A stuck tool lets go of the device over some ticks.
                 let is_freed = self.state == State::Clear;
                 self.is_estimate = was_stuck && (is_freed || self.is_estimate);
-                self.limit_target_rate(travelled);
+                self.limit_target_rate(&motion);
             }
         }
         debug_assert!(answer.spent <= budget);
