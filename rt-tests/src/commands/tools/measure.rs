@@ -28,7 +28,7 @@ struct Placed {
 
 /// The reference, run before the product's own step.
 struct Reference {
-    stiffness_n_per_m: f64,
+    spring: Coupling,
     metres_per_unit: f64,
     placed: Option<Placed>,
 }
@@ -52,9 +52,11 @@ impl StageObserver for Reference {
                 break;
             }
         }
-        let newtons_per_unit = self.stiffness_n_per_m * self.metres_per_unit;
+        let still = Twist::default();
         self.placed = Some(Placed {
-            force: proxy.penetration().linear * newtons_per_unit,
+            force: proxy
+                .wrench(&self.spring, self.metres_per_unit, &still)
+                .force,
             centres: centres(&proxy),
         });
     }
@@ -75,14 +77,14 @@ pub fn measure(
     let frame = simulation.controller().frame();
     let metres_per_unit = frame.map_or(1.0, |frame| frame.metres_per_unit);
     let stiffness_n_per_m = plan.objects[0].surface.stiffness_n_per_m;
-    let mut reference = Reference {
-        stiffness_n_per_m,
-        metres_per_unit,
-        placed: None,
-    };
     let spring = Coupling {
         stiffness_n_per_m,
         damping_ns_per_m: 0.0,
+    };
+    let mut reference = Reference {
+        spring,
+        metres_per_unit,
+        placed: None,
     };
     let mut sums = TickSums::new(names, seed, stiffness_n_per_m);
     let ticks = (seconds * plan.loop_.rate_hz).round() as u64;
