@@ -137,9 +137,9 @@ const TOUR_S: f64 = 6.0;
 /// period, and the hand gives way as much later.
 const SHIFT_S: f64 = 0.02;
 
-/// Seconds from the first contact on that are not compared: in the soft start of 0.2 s nothing holds
-/// the hand, and where it presses deeper than the ball is large its contact may come to either side
-/// of a ridge.
+/// Seconds from the first contact on that are not compared: in the soft start of 0.2 s nothing
+/// holds the hand, and where it presses deeper than the ball is large its contact may come to
+/// either side of a ridge.
 const START_S: f64 = 0.4;
 
 /// The contacts of a tour, seconds since the first one and places, metres; and the share of them at
@@ -214,7 +214,7 @@ fn a_tour_has_the_same_contact_path_at_every_rate() {
             );
             let shown = seconds / (expected.len() as f64 * 1e-3);
             assert!((shown - 1.0).abs() < 1e-2 && full > 0.999, "{name}");
-            // A tenth of the ball, and where it passes an edge a little earlier or later half of it.
+            // A tenth of the ball, and where it passes an edge a little earlier or later half.
             assert!(at(0.99) < 0.1 * RADIUS && at(1.0) < 0.5 * RADIUS, "{name}");
         }
     }

@@ -93,8 +93,8 @@ impl ToolProxy {
     }
 
     /// Lets the coupling follow a proxy that has converged. Over a convex set of placements the
-    /// deflection changes by no more than the device moves, in the metric of the tool's mass; beyond
-    /// that, behind a ridge, by no more than is imperceptible in a tick.
+    /// deflection changes by no more than the device moves, in the metric of the tool's mass;
+    /// beyond that, behind a ridge, by no more than is imperceptible in a tick.
     fn follow(&mut self, motion: &Twist) {
         let before = self.deflection.plus(motion);
         let change = self.goal.to(&self.at).minus(&before);

@@ -424,19 +424,8 @@ impl ToolProxy {
             answer.rejected = true;
             return answer;
         };
-        if self.state == State::Nowhere {
-            self.at = goal;
-            self.goal = goal;
-            self.coupling_target = goal;
-            self.state = State::Inside;
-        }
-        let motion = self.goal.to(&goal);
+        let motion = self.lead_to(goal);
         let travelled = motion.farthest(self.shape.radius);
-        self.deflection = goal.to(&self.coupling_target);
-        let is_assumed = self.coupling_target != self.at && !self.is_following;
-        self.assumed = is_assumed.then_some(self.coupling_target);
-        self.device_travel += travelled;
-        self.goal = goal;
         let start = self.at;
         let mesh_change = self.mesh_change.take();
         let moving = mesh_change.expected_push(MOVING_OFFSET * self.step_limit.of_this_tick());
@@ -482,6 +471,23 @@ impl ToolProxy {
         }
         debug_assert!(answer.spent <= budget);
         answer
+    }
+
+    /// The device is there now. Returns its motion.
+    fn lead_to(&mut self, goal: Placement) -> Twist {
+        if self.state == State::Nowhere {
+            self.at = goal;
+            self.goal = goal;
+            self.coupling_target = goal;
+            self.state = State::Inside;
+        }
+        let motion = self.goal.to(&goal);
+        self.deflection = goal.to(&self.coupling_target);
+        let is_assumed = self.coupling_target != self.at && !self.is_following;
+        self.assumed = is_assumed.then_some(self.coupling_target);
+        self.device_travel += motion.farthest(self.shape.radius);
+        self.goal = goal;
+        motion
     }
 
     /// Whether the surface keeps the proxy from the device, in contact or stuck.
