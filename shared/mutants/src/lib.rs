@@ -62,7 +62,7 @@ pub enum Mutant {
     Plane,
     /// Motions below an absolute length are taken for none.
     ShortMotion,
-    /// Splits and collapses under a probe happen at once.
+    /// Splits and collapses under a probe happen at once, and a tool feels them at once.
     Geomorph,
     /// Faces may be turned over under a probe.
     Folds,

@@ -5,6 +5,7 @@
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::{Placement, Twist};
 use crate::perception::{GROWTH_PER_S, OF_PROXY, STEP_SHARE_PER_S};
+use mutants::{Mutant, is};
 
 /// Largest motion of an estimated target, in units of the device's motion: a sliding tool moves
 /// with the device, one that falls off an edge faster.
@@ -100,7 +101,7 @@ impl ToolProxy {
         let change = self.goal.to(&self.at).minus(&before);
         let most = self.length_of(motion) + self.imperceptible_change(self.length_of(&before));
         let length = self.length_of(&change);
-        if length > most {
+        if length > most && !is(Mutant::Geomorph) {
             self.is_following = true;
             let deflection = before.plus(&change.times(most / length));
             self.coupling_target = self.goal.moved(&deflection);
