@@ -66,7 +66,6 @@ impl ToolProxy {
     /// unpaid.
     pub(super) fn limit_target_rate(&mut self, motion: &Twist) {
         let is_true = self.coupling_target == self.at;
-        self.is_following = false;
         if is_true && !self.is_estimate {
             self.follow(motion);
             return;
@@ -102,7 +101,6 @@ impl ToolProxy {
         let most = self.length_of(motion) + self.imperceptible_change(self.length_of(&before));
         let length = self.length_of(&change);
         if length > most && !is(Mutant::Geomorph) {
-            self.is_following = true;
             let deflection = before.plus(&change.times(most / length));
             self.coupling_target = self.goal.moved(&deflection);
         }

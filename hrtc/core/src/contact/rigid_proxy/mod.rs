@@ -139,9 +139,7 @@ pub struct ToolProxy {
     /// Whether the target of the last tick was an estimate, and the deflection of the coupling
     /// there.
     is_estimate: bool,
-    /// Whether the target only follows a proxy that has converged.
-    is_following: bool,
-    /// The target of the last tick, if the proxy had not reached it.
+    /// The target of the last tick, if it was an estimate.
     assumed: Option<Placement>,
     deflection: Twist,
     /// Deflection of the coupling that a hand cannot perceive, model units.
@@ -195,7 +193,6 @@ impl ToolProxy {
             is_behind: false,
             coupling_target: nowhere,
             is_estimate: false,
-            is_following: false,
             assumed: None,
             deflection: Twist::default(),
             imperceptible: Imperceptible::NOTHING,
@@ -240,7 +237,6 @@ impl ToolProxy {
         self.collection_cost = 0;
         self.step_cost = 0;
         self.is_estimate = false;
-        self.is_following = false;
         self.assumed = None;
         Ok(())
     }
@@ -473,7 +469,7 @@ impl ToolProxy {
         answer
     }
 
-    /// The device is there now. Returns its motion.
+    /// Begins a tick in which the device is there. Returns its motion.
     fn lead_to(&mut self, goal: Placement) -> Twist {
         if self.state == State::Nowhere {
             self.at = goal;
@@ -483,7 +479,7 @@ impl ToolProxy {
         }
         let motion = self.goal.to(&goal);
         self.deflection = goal.to(&self.coupling_target);
-        let is_assumed = self.coupling_target != self.at && !self.is_following;
+        let is_assumed = self.is_estimate && self.coupling_target != self.at;
         self.assumed = is_assumed.then_some(self.coupling_target);
         self.device_travel += motion.farthest(self.shape.radius);
         self.goal = goal;
