@@ -59,67 +59,6 @@ pub struct PerceptionLimit {
     proxy_step: f64,
 }
 
-/// Limit of a proxy's motion in a tick beyond the device's, model units. It lasts while the surface
-/// under the proxy moves and until the proxy has caught up.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct StepLimit {
-    max_step: f64,
-    is_set: bool,
-}
-
-impl StepLimit {
-    /// No limit.
-    pub const FREE: Self = Self {
-        max_step: f64::INFINITY,
-        is_set: false,
-    };
-
-    /// Sets the limit of this tick, model units; the least value of a tick counts.
-    pub fn tighten(&mut self, max_step: f64) {
-        self.max_step = if self.is_set {
-            self.max_step.min(max_step)
-        } else {
-            max_step
-        };
-        self.is_set = true;
-    }
-
-    /// The limit; infinite if there is none.
-    #[must_use]
-    pub fn max_step(&self) -> f64 {
-        self.max_step
-    }
-
-    /// The limit; 0 if there is none.
-    #[must_use]
-    pub fn limit(&self) -> f64 {
-        if self.is_limited() {
-            self.max_step
-        } else {
-            0.0
-        }
-    }
-
-    /// The limit if it was set in this tick; 0 if not.
-    #[must_use]
-    pub fn of_this_tick(&self) -> f64 {
-        if self.is_set { self.max_step } else { 0.0 }
-    }
-
-    /// Whether a limit is set.
-    #[must_use]
-    pub fn is_limited(&self) -> bool {
-        self.max_step.is_finite()
-    }
-
-    /// Ends the tick; the limit ends if none was set in it and the proxy has caught up.
-    pub fn end_tick(&mut self, has_settled: bool) {
-        if !std::mem::take(&mut self.is_set) && has_settled {
-            *self = Self::FREE;
-        }
-    }
-}
-
 /// The conditions of a contact from which the limits follow.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ContactConditions {

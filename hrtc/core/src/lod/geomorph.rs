@@ -210,7 +210,7 @@ impl Front {
             if is_reached {
                 share = share.min(allowed_share(mesh, steps, &limit));
                 used[probe] = 1.0;
-                contacts.limit_step(probe, &limit);
+                contacts.note_motion(probe);
             }
         }
         share
@@ -316,7 +316,7 @@ impl Front {
         } else {
             for (probe, limit) in reached {
                 if limit.reaches(space) {
-                    contacts.limit_step(*probe, limit);
+                    contacts.note_motion(*probe);
                 }
             }
             Transition::Geomorph

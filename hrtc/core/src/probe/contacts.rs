@@ -10,9 +10,7 @@ use crate::force::effects::friction::EnergyLimit;
 use crate::force::effects::{Clock, SurfaceEffects};
 use crate::force::passivity::EnergyAccount;
 use crate::instance::{ModelFrame, ObjectInstance};
-use crate::perception::{
-    ContactConditions, IMPERCEPTIBLE_N, OF_PROXY, PerceptionLimit, STEP_N_PER_S,
-};
+use crate::perception::{ContactConditions, OF_PROXY, PerceptionLimit, STEP_N_PER_S};
 use glam::DVec3;
 use scene::{EffectPlan, ProbePlan, ScenePlan};
 use spm::{ActiveMesh, OperationFaces};
@@ -177,11 +175,9 @@ impl Contacts {
         }
     }
 
-    /// While the surface under a proxy moves, its step beyond the device's motion is limited.
-    pub fn limit_step(&mut self, probe: usize, limit: &PerceptionLimit) {
-        let pair = &mut self.pairs[probe];
-        pair.proxy.limit_step(limit.proxy_step());
-        pair.surface_moves = true;
+    /// Notes that the surface under a probe moves in this tick.
+    pub fn note_motion(&mut self, probe: usize) {
+        self.pairs[probe].surface_moves = true;
     }
 
     /// Moves the proxies along with the split, collapse or geomorph that was just performed.
@@ -212,10 +208,9 @@ impl Contacts {
             return None;
         }
         let stiffness = instance.surface.stiffness_n_per_m;
-        let of_force = |newtons: f64| OF_PROXY * newtons / stiffness / frame.metres_per_unit;
+        let step_n = OF_PROXY * STEP_N_PER_S * self.period_s;
         let imperceptible = Imperceptible {
-            deflection: of_force(IMPERCEPTIBLE_N),
-            step: of_force(STEP_N_PER_S * self.period_s),
+            step: step_n / stiffness / frame.metres_per_unit,
             period_s: self.period_s,
         };
         pair.proxy.set_imperceptible(imperceptible);

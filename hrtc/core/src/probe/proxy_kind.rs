@@ -273,27 +273,12 @@ impl ProxyKind {
         }
     }
 
-    /// It slides no farther beyond the device's motion than this in a tick: a ball in every tick, a
-    /// tool while it is behind.
+    /// A ball slides no farther beyond the device's motion than this in a tick.
     pub fn limit_slide(&mut self, slide: f64) {
-        match self {
-            Self::Ball(ball) => {
-                if let Some(proxy) = &mut ball.0 {
-                    proxy.limit_slide(slide);
-                }
-            }
-            Self::Tool(tool) if tool.has_room && tool.proxy.is_behind() => {
-                tool.proxy.limit_step(slide);
-            }
-            Self::Tool(_) => {}
-        }
-    }
-
-    /// The surface that a tool touches moves: until it has caught up, it goes no farther beyond the
-    /// device's motion than this in a tick.
-    pub fn limit_step(&mut self, slide: f64) {
-        if let Self::Tool(tool) = self {
-            tool.proxy.limit_step(slide);
+        if let Self::Ball(ball) = self
+            && let Some(proxy) = &mut ball.0
+        {
+            proxy.limit_slide(slide);
         }
     }
 

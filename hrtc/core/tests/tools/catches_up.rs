@@ -1,7 +1,7 @@
 //! A tool that has fallen behind its device, by a jump or by its budget, catches up where nothing
 //! is between; the lag of an unfinished tick is no force.
 
-use crate::common::fronts::{Front, plate_mesh};
+use crate::common::fronts::{Front, box_mesh, plate_mesh};
 use crate::common::guided_tool::{GuidedTool, MIN_TICK_BUDGET, TICK_BUDGET};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
@@ -179,6 +179,64 @@ fn a_small_budget_makes_it_slow_and_not_wrong() {
             k > 0 || (unfinished > 0 && early > 0),
             "the small budget matters, and ticks that end early are told: {held:?}"
         );
+    }
+}
+
+/// With any budget the force changes by what the device moves and by what is not felt, also where
+/// contacts are found that an estimate did not know.
+#[test]
+fn with_any_budget_no_tick_jolts() {
+    let mut ridges = plate_mesh(PLATE, 120);
+    for p in &mut ridges.positions {
+        p.z = 0.002 * ((p.x * 500.0).sin() * (p.y * 450.0).sin()).max(0.0);
+    }
+    let front = Front::of_mesh(&ridges);
+    for budget in [1500, 3000, MIN_TICK_BUDGET, 1 << 18] {
+        let mut hand = capsule();
+        let (mut early, mut last) = (0, DVec3::ZERO);
+        for k in 0..900 {
+            // At 0.3 m/s, up to 3 mm below the tops.
+            let along = 3e-4 * f64::from(k % 200) - 0.03;
+            let side = 0.005 * f64::from(k / 200) - 0.01;
+            let height = 0.003 - 2e-5 * f64::from(k.min(200));
+            let before = hand.proxy.deflection();
+            let goal = upright(DVec3::new(along, side, height));
+            let (answer, measured) = lead(&mut hand, &front, &goal, budget);
+            early += u32::from(answer.is_unsettled);
+            // From the end of a row to the next it jumps.
+            if k % 200 > 0 {
+                let own = 3e-4 + 2e-5;
+                let felt = own + 0.07 * before + hand.proxy.contact_offset();
+                let change = measured.force.distance(last) / STIFFNESS;
+                assert!(change <= felt, "{budget}, tick {k}: {change} m of {felt} m");
+            }
+            assert!(!hand.meets(&front), "{budget}, tick {k}");
+            last = measured.force;
+        }
+        assert!(budget > 3000 || early > 0, "the budget matters");
+    }
+}
+
+/// Behind an edge the coupling follows the proxy over some ticks. That is no wrong estimate: only
+/// after a tick that ended early a contact counts as late.
+#[test]
+fn a_contact_is_late_only_after_an_early_tick() {
+    let half = 0.02;
+    let block = Front::of_mesh(&box_mesh(DVec3::splat(half)));
+    for budget in [400, 1000, 3000, MIN_TICK_BUDGET] {
+        let mut hand = capsule();
+        let mut was_early = false;
+        for k in 0..600 {
+            let along = half - 0.005 + 1e-4 * f64::from(k.max(300) - 300);
+            let height = half + 0.001 - 1e-5 * f64::from(k.min(300));
+            let goal = upright(DVec3::new(along, 0.001, height));
+            let (answer, _) = lead(&mut hand, &block, &goal, budget);
+            assert!(
+                was_early || answer.late_contacts == 0,
+                "{budget}, tick {k}: {answer:?}"
+            );
+            was_early = answer.is_unsettled;
+        }
     }
 }
 

@@ -180,7 +180,7 @@ impl ToolProxy {
         }
     }
 
-    /// Whether the target of the last tick, where it was an estimate, is behind a contact.
+    /// Whether the estimate of the last tick, if there was one, is behind a contact.
     fn is_late(&self, contact: &ToolContact, offset: f64) -> bool {
         self.assumed.is_some_and(|assumed| {
             let turn = assumed.rotation() * self.contacts.at().rotation().transpose();

@@ -24,7 +24,7 @@
 //! | `sweep` | conservative advancement |
 //! | `steps` | the steps of a tick |
 //! | `look` | the contacts that a step obeys |
-//! | `coupling_target` | the end of the coupling while a tick stops early |
+//! | `coupling_target` | the end of the coupling, and how far it may go in a tick |
 //! | `mesh_change` | faces that splits and collapses moved near the tool |
 //! | `answer` | the result of a tick |
 
@@ -55,7 +55,6 @@ use crate::contact::coupling::{Coupling, about};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::{Limit, Surface};
 use crate::contact::tool::Tool;
-use crate::perception::StepLimit;
 use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
 use depenetration::EscapesTried;
@@ -70,8 +69,9 @@ use spm::{ActiveMesh, Handle, OperationFaces};
 use steps::MAX_STOPS;
 use sweep::Open;
 
-/// Contact offset while the surface moves, at most, as a fraction of the step limit: twice the
-/// share of one geomorphing vertex (see [`crate::perception`]), since several may move one face.
+/// Contact offset while the surface moves, at most, as a fraction of the imperceptible change of a
+/// deflection: twice the share of one geomorphing vertex (see [`crate::perception`]), since several
+/// may move one face.
 const MOVING_OFFSET: f64 = 0.625;
 /// Share of that which is left a tick after the surface has come to rest.
 const OFFSET_LEFT: f64 = 0.5;
@@ -131,18 +131,15 @@ pub struct ToolProxy {
     met_on: DVec3,
     at: Placement,
     goal: Placement,
-    step_limit: StepLimit,
-    /// Whether the step limit holds the proxy back.
-    is_behind: bool,
-    /// End of the coupling: the placement that the contacts allow, without the limits of a tick.
+    /// End of the coupling.
     coupling_target: Placement,
-    /// Whether the target of the last tick was an estimate, and the deflection of the coupling
-    /// there.
-    is_estimate: bool,
-    /// The target of the last tick, if it was an estimate.
-    assumed: Option<Placement>,
+    /// Deflection of the coupling with the device of this tick and the target of the last.
     deflection: Twist,
-    /// Deflection of the coupling that a hand cannot perceive, model units.
+    /// The target that this tick estimates, if it ends early, without any limit.
+    estimate: Option<Placement>,
+    /// That of the last tick.
+    assumed: Option<Placement>,
+    /// What a hand cannot perceive of the coupling.
     imperceptible: Imperceptible,
     /// How far ahead candidates are collected.
     look_ahead: LookAhead,
@@ -189,12 +186,10 @@ impl ToolProxy {
             met_on: DVec3::ZERO,
             at: nowhere,
             goal: nowhere,
-            step_limit: StepLimit::FREE,
-            is_behind: false,
             coupling_target: nowhere,
-            is_estimate: false,
-            assumed: None,
             deflection: Twist::default(),
+            estimate: None,
+            assumed: None,
             imperceptible: Imperceptible::NOTHING,
             look_ahead: LookAhead::new(shape.gyration),
             has_unused_collection: false,
@@ -230,14 +225,11 @@ impl ToolProxy {
         self.carried_anchor = None;
         self.contacts.clear();
         self.look_ahead = LookAhead::new(self.shape.gyration);
-        self.step_limit = StepLimit::FREE;
-        self.is_behind = false;
         self.pace = 0.0;
         self.device_travel = 0.0;
         self.collection_cost = 0;
         self.step_cost = 0;
-        self.is_estimate = false;
-        self.assumed = None;
+        self.estimate = None;
         Ok(())
     }
 
@@ -385,22 +377,9 @@ impl ToolProxy {
         }
     }
 
-    /// Limits the motion of the tool beyond the device's own and beyond the correction of contacts,
-    /// model units per tick, until it has caught up. Called in each tick in which the touched
-    /// surface moves.
-    pub fn limit_step(&mut self, max_step: f64) {
-        self.step_limit.tighten(max_step);
-    }
-
     /// Sets what a hand cannot perceive of the coupling; nothing before the first call.
     pub fn set_imperceptible(&mut self, imperceptible: Imperceptible) {
         self.imperceptible = imperceptible;
-    }
-
-    /// Whether the step limit holds the proxy back.
-    #[must_use]
-    pub fn is_behind(&self) -> bool {
-        self.is_behind
     }
 
     /// One tick: as close to `goal` (the device, model units) as the surface allows, at a cost of
@@ -422,9 +401,9 @@ impl ToolProxy {
         };
         let motion = self.lead_to(goal);
         let travelled = motion.farthest(self.shape.radius);
-        let start = self.at;
         let mesh_change = self.mesh_change.take();
-        let moving = mesh_change.expected_push(MOVING_OFFSET * self.step_limit.of_this_tick());
+        let most = self.imperceptible_change(self.length_of(&self.deflection));
+        let moving = mesh_change.expected_push(MOVING_OFFSET * most);
         self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
             let first_changed = if mesh_change.is_new() {
@@ -444,7 +423,7 @@ impl ToolProxy {
                     State::Stuck => self.at,
                     _ => self.target_allowed_by_contacts(&mut answer),
                 };
-                self.limit_target_rate(&motion);
+                self.limit_change(&motion);
                 return answer;
             }
         }
@@ -452,17 +431,13 @@ impl ToolProxy {
         match self.state {
             State::Clear => {
                 let limit = limit.part(0, budget);
-                self.take_steps(surface, &start, travelled, limit, &mut answer);
-                self.limit_target_rate(&motion);
+                self.take_steps(surface, travelled, limit, &mut answer);
+                self.limit_change(&motion);
             }
             _ => {
-                let was_stuck = self.state == State::Stuck;
                 self.jump_when_clear(surface, budget, &mut answer);
                 self.coupling_target = self.at;
-                // A stuck tool lets go of the device over some ticks.
-                let is_freed = self.state == State::Clear;
-                self.is_estimate = was_stuck && (is_freed || self.is_estimate);
-                self.limit_target_rate(&motion);
+                self.limit_change(&motion);
             }
         }
         debug_assert!(answer.spent <= budget);
@@ -479,8 +454,7 @@ impl ToolProxy {
         }
         let motion = self.goal.to(&goal);
         self.deflection = goal.to(&self.coupling_target);
-        let is_assumed = self.is_estimate && self.coupling_target != self.at;
-        self.assumed = is_assumed.then_some(self.coupling_target);
+        self.assumed = self.estimate.take();
         self.device_travel += motion.farthest(self.shape.radius);
         self.goal = goal;
         motion

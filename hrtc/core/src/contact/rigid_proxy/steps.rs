@@ -5,7 +5,7 @@ use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::sweep::{Swept, free_share};
 use super::{ToolAdvance, ToolProxy};
-use crate::contact::motion::{Placement, Twist};
+use crate::contact::motion::Twist;
 use crate::contact::query::{Ending, Limit, Surface};
 
 /// Separation that the sweep keeps, as a share of the contact offset.
@@ -59,11 +59,8 @@ impl StepSettings {
 /// The state of the steps of one tick.
 pub(super) struct TickSteps<'a> {
     pub(super) surface: Surface<'a>,
-    /// The placement at which the tick began.
-    start: Placement,
-    /// Motion of the device in this tick, and the largest motion of the tool, model units.
+    /// Motion of the device in this tick, model units.
     travelled: f64,
-    farthest: f64,
     pub(super) look_around: f64,
     /// Contact offset, model units.
     pub(super) offset: f64,
@@ -100,11 +97,10 @@ enum Next {
 }
 
 impl ToolProxy {
-    /// The steps of a tick that began at `start`; depenetration may have moved the tool since.
+    /// The steps of a tick in which the device has travelled so far.
     pub(super) fn take_steps<'a>(
         &mut self,
         surface: Surface<'a>,
-        start: &Placement,
         travelled: f64,
         limit: Limit<'a>,
         answer: &mut ToolAdvance,
@@ -112,9 +108,7 @@ impl ToolProxy {
         let budget = limit.max_work();
         let mut tick = TickSteps {
             surface,
-            start: *start,
             travelled,
-            farthest: travelled + self.step_limit.max_step(),
             look_around: (LOOK_AROUND * self.shape.gyration).max(self.moving_offset),
             offset: self.contact_offset(),
             budget,
@@ -126,7 +120,6 @@ impl ToolProxy {
             did_not_move: false,
             last: LastStep::default(),
         };
-        self.is_behind = false;
         self.stops.clear();
         self.pace = self.pace.max(travelled.max(tick.look_around));
         let mut next = Next::Retry;
@@ -149,7 +142,6 @@ impl ToolProxy {
             }
         }
         let is_settled = next == Next::Settled;
-        self.step_limit.end_tick(is_settled);
         self.near.place(&self.shape, &self.at);
         answer.is_unsettled = !is_settled;
         if is_settled {
@@ -256,7 +248,8 @@ impl ToolProxy {
             return Next::Settled;
         }
         let covered = self.near.tube.covered_share(&self.at, &motion, offset);
-        let share = self.limited_share(tick, &motion, covered.min(most / whole));
+        let share = covered.min(most / whole);
+        let share = share.min(self.contacts.share_of_arcs(&motion, offset));
         let step = self.shortened(&motion, share, offset);
         let swept = free_share(
             &mut self.near,
@@ -293,9 +286,6 @@ impl ToolProxy {
         if free || (went_all && done.farthest(radius).min(unforeseen) <= settled) {
             return Next::Settled;
         }
-        if self.is_behind {
-            return Next::End;
-        }
         Next::Retry
     }
 
@@ -308,19 +298,6 @@ impl ToolProxy {
             return Twist::default();
         }
         step.times(swept.share)
-    }
-
-    /// The share of a motion that the arcs at the contacts and the step limit of the tick leave.
-    fn limited_share(&mut self, tick: &TickSteps<'_>, motion: &Twist, share: f64) -> f64 {
-        let radius = self.shape.radius;
-        let whole = motion.farthest(radius);
-        let mut share = share.min(self.contacts.share_of_arcs(motion, tick.offset));
-        let left = tick.farthest - tick.start.to(&self.at).farthest(radius);
-        if whole * share > left {
-            share = left.max(0.0) / whole;
-            self.is_behind = true;
-        }
-        share
     }
 
     /// A share of a motion, but all of the correction that the contact offset requires.
