@@ -7,15 +7,18 @@ use crate::trajectory::virtual_scene::{make_ready_led, virtual_scene};
 use glam::DVec3;
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
-use hrtc_core::contact::rigid_proxy::ToolProxy;
+use hrtc_core::contact::rigid_proxy::{StepSettings, ToolProxy};
 use hrtc_core::record::max_or_nan;
 use hrtc_core::{Stage, StageObserver, ToolBefore};
 use scene::ScenePlan;
 use simulator::Drive;
 
-/// Ticks that a reference may take at the same pose of the device. What is not settled then is at
-/// rest as far as a hand can tell.
-const MAX_REFERENCE_TICKS: u32 = 256;
+/// Steps of the reference in its tick. What is not settled then is at rest as far as a hand can
+/// tell.
+const REFERENCE: StepSettings = StepSettings {
+    max_steps: 4096,
+    ..StepSettings::PRODUCT
+};
 
 /// Where a proxy is after a tick.
 #[derive(Debug, Clone)]
@@ -45,13 +48,8 @@ impl StageObserver for Reference {
             return;
         }
         let mut proxy = tool.proxy.clone();
-        for _ in 0..MAX_REFERENCE_TICKS {
-            let answer = proxy.advance(tool.surface, &tool.goal, u32::MAX);
-            // What a perceptual limit holds back is held back in the product too.
-            if !answer.is_unsettled || proxy.is_behind() {
-                break;
-            }
-        }
+        proxy.set_steps(REFERENCE);
+        proxy.advance(tool.surface, &tool.goal, u32::MAX);
         let still = Twist::default();
         self.placed = Some(Placed {
             force: proxy
