@@ -16,7 +16,7 @@ use simulator::Drive;
 /// Steps of the reference in its tick. What is not settled then is at rest as far as a hand can
 /// tell.
 const REFERENCE: StepSettings = StepSettings {
-    max_steps: 4096,
+    max_steps: 256,
     ..StepSettings::PRODUCT
 };
 
