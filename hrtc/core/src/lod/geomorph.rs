@@ -210,7 +210,7 @@ impl Front {
             if is_reached {
                 share = share.min(allowed_share(mesh, steps, &limit));
                 used[probe] = 1.0;
-                contacts.note_motion(probe);
+                contacts.note_surface_motion(probe);
             }
         }
         share
@@ -316,7 +316,7 @@ impl Front {
         } else {
             for (probe, limit) in reached {
                 if limit.reaches(space) {
-                    contacts.note_motion(*probe);
+                    contacts.note_surface_motion(*probe);
                 }
             }
             Transition::Geomorph

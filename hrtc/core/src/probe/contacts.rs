@@ -176,7 +176,7 @@ impl Contacts {
     }
 
     /// Notes that the surface under a probe moves in this tick.
-    pub fn note_motion(&mut self, probe: usize) {
+    pub fn note_surface_motion(&mut self, probe: usize) {
         self.pairs[probe].surface_moves = true;
     }
 

@@ -217,7 +217,7 @@ fn bumps_do_not_hold_a_tool_back() {
 /// Pressed into the top of a box and led out over its edge, where the nearest way out is another
 /// one: the proxy goes there at once, the force over some ticks.
 #[test]
-fn over_an_edge_the_force_changes_by_a_few_times_the_devices_motion() {
+fn over_an_edge_the_force_changes_little_more_than_the_device_moves() {
     let (half, depth) = (0.02, 0.002);
     let block = Front::of_mesh(&box_mesh(DVec3::splat(half)));
     let lie = DQuat::from_rotation_x(0.25 * TAU);

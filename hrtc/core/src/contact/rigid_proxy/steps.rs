@@ -10,7 +10,8 @@ use crate::contact::query::{Ending, Limit, Surface};
 
 /// Separation that the sweep keeps, as a share of the contact offset.
 const MIN_SEPARATION: f64 = 0.5;
-/// The least motion that counts as elsewhere, as a fraction of the radius of gyration.
+/// Deviation from the expected path that needs no new search for contacts, as a fraction of the
+/// radius of gyration.
 const LOOK_AROUND: f64 = 2e-3;
 /// Deviation from the expected path that the look-ahead tube allows, as a fraction of the radius of
 /// gyration. Most of a collection's cost is the way through the trees, so a few more pairs are
@@ -102,7 +103,7 @@ enum Next {
 }
 
 impl ToolProxy {
-    /// The steps of a tick in which the device has travelled so far.
+    /// The steps of a tick in which the device has moved by `travelled`.
     pub(super) fn take_steps<'a>(
         &mut self,
         surface: Surface<'a>,
