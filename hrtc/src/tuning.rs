@@ -90,12 +90,12 @@ pub const FETCH_TOLD: Duration = Duration::from_secs(2);
 /// How long a station of this version is waited for after one of another was heard: ten heartbeats.
 pub const OTHER_VERSION_HEARD: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
 
-/// Tick records between main thread and recorder: about four seconds at 1 kHz, 2 KiB each, 8 MiB.
+/// Tick records between main thread and recorder: about four seconds at 1 kHz, 2 KiB each.
 /// That bridges every stall of the recorder's thread but a lasting lack of processor time: a
 /// keyframe takes tenths of a second, and beside a hundred busy threads on its core it waits 0.3 s
 /// for its turn, with slices of 3 ms.
 pub const RECORDED_TICKS: usize = 4096;
-/// Chunks between link and recorder, 4 KiB each, 8 MiB: those of the same four seconds. A hundred
+/// Chunks between link and recorder, 4 KiB each: those of the same four seconds. A hundred
 /// objects under three probes give at most 344 a second (`config/scenes/hundred-objects.toml`).
 pub const RECORDED_CHUNKS: usize = 2048;
 /// Requests, and contact reports, between tick and recorder, together 1.4 MiB: those of the same

@@ -7,13 +7,13 @@
 //! build on the same architecture, from one such file alone, gives the same bits.
 //!
 //! ```text
-//! tick ── log ring ──> main thread ── ring ──┐
-//! tick ── requests, reports ── rings ────────┤
-//! link ── chunks ── ring ────────────────────┴─> hrtc-recorder ── queue ──> hrtc-disk ──> files
-//!                                                 └ twin (a second controller)
+//! tick ── log ring ──> main thread ── queue ──┐
+//! tick ── requests, reports ── rings ─────────┤
+//! link ── chunks ── queue ────────────────────┴─> hrtc-recorder ── queue ──> hrtc-disk ──> files
+//!                                                  └ twin (a second controller)
 //! ```
 //!
-//! All of them are bounded. What finds its ring or the queue full is lost and marked as a [`Hole`]:
+//! All of them are bounded. What finds its ring or queue full is lost and marked as a [`Hole`]:
 //! a slow or full disk costs records, never a tick. Messages are gathered in short frames, MCAP's
 //! chunks, without which rerun reads nothing; a file that ends anywhere, by a kill for example,
 //! opens up to its last whole message. Each later file
@@ -28,6 +28,7 @@ mod encoder;
 mod format;
 mod head;
 mod late_twin;
+mod queue;
 mod reader;
 mod replay;
 mod schema;
@@ -50,6 +51,7 @@ use crate::tuning::{
 };
 use hrtc_core::{Capacity, TickOutputs};
 use protocol::{ContactReport, Request};
+use queue::{Sender, bounded};
 use realtime::rights::{MissingRight, set_nice};
 use rtrb::{Producer, RingBuffer};
 use scene::SceneError;
@@ -61,7 +63,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use thiserror::Error;
-use worker::{Ending, RecordedRings, Worker};
+use worker::{Ending, Sources, Worker};
 
 /// Reasons of a recording that cannot be written or read.
 #[derive(Debug, Error)]
@@ -113,7 +115,7 @@ impl OutputTap {
 
 /// A recording under way.
 pub struct Recorder {
-    ticks: Producer<TickRecord>,
+    ticks: Sender<TickRecord>,
     ending: Arc<OnceLock<Ending>>,
     progress: Arc<Progress>,
     missing: Option<MissingRight>,
@@ -121,8 +123,8 @@ pub struct Recorder {
     thread: Option<JoinHandle<Vec<PathBuf>>>,
 }
 
-/// The recorder's rings, in the order of [`RecordedRings::fill`], with their sizes.
-const RINGS: [(&str, usize); 4] = [
+/// The recorder's queues and rings, in the order of [`Sources::fill`], with their sizes.
+const SOURCES: [(&str, usize); 4] = [
     ("tick records for the recorder", RECORDED_TICKS),
     ("chunks for the recorder", RECORDED_CHUNKS),
     ("requests for the recorder", RECORDED_OUTPUTS),
@@ -134,24 +136,25 @@ const RINGS: [(&str, usize); 4] = [
 struct Progress {
     /// Whether the disk refused records.
     has_lost: AtomicBool,
-    /// The most entries in each of [`RINGS`].
-    high_water: [AtomicUsize; RINGS.len()],
+    /// The most entries in each of [`SOURCES`].
+    high_water: [AtomicUsize; SOURCES.len()],
 }
 
-/// The rings: the main thread's end, those of tick and link, the recorder's.
-fn rings() -> (Producer<TickRecord>, Taps, RecordedRings) {
-    let (ticks, ticks_out) = RingBuffer::new(RECORDED_TICKS);
-    let (mut chunks, chunks_out) = RingBuffer::new(RECORDED_CHUNKS);
+/// The queues and rings: the main thread's end, those of tick and link, the recorder's. The tick,
+/// which may not allocate, writes into rings.
+fn sources() -> (Sender<TickRecord>, Taps, Sources) {
+    let (ticks, ticks_out) = bounded(RECORDED_TICKS);
+    let (mut chunks, chunks_out) = bounded(RECORDED_CHUNKS);
     let (requests, requests_out) = RingBuffer::new(RECORDED_OUTPUTS);
     let (reports, reports_out) = RingBuffer::new(RECORDED_OUTPUTS);
     let mut index = 0;
     let chunks: ChunkRecorder = Box::new(move |chunk| {
-        // A full ring loses the chunk; the next one's number reveals it.
+        // A full queue loses the chunk; the next one's number reveals it.
         let _ = chunks.push((index, *chunk));
         index += 1;
     });
     let outputs = OutputTap { requests, reports };
-    let recorded = RecordedRings {
+    let recorded = Sources {
         ticks: ticks_out,
         chunks: chunks_out,
         requests: requests_out,
@@ -160,7 +163,7 @@ fn rings() -> (Producer<TickRecord>, Taps, RecordedRings) {
     (ticks, Taps { outputs, chunks }, recorded)
 }
 
-/// The ends of the recorder's rings that other threads own.
+/// The ends of the recorder's queues and rings that other threads own.
 pub struct Taps {
     /// The tick's.
     pub outputs: OutputTap,
@@ -178,7 +181,7 @@ impl Recorder {
         files: KeptFiles,
         place: RecordingPlace,
     ) -> Result<(Self, Taps), RecordingError> {
-        let (ticks, taps, rings) = rings();
+        let (ticks, taps, sources) = sources();
         let ending = Arc::new(OnceLock::new());
         let until = Arc::clone(&ending);
         let progress = Arc::new(Progress::default());
@@ -190,7 +193,7 @@ impl Recorder {
             .spawn(move || {
                 // Before the thread of the disk starts, which takes it over.
                 let missing = set_nice(RECORDER_NICE).err();
-                match Worker::new(rings, head, files, place, told) {
+                match Worker::new(sources, head, files, place, told) {
                     Ok(worker) => {
                         let _ = started.send(Ok(missing));
                         worker.run(&until)
@@ -232,10 +235,10 @@ impl Recorder {
         self.progress.has_lost.load(Ordering::Relaxed)
     }
 
-    /// Size and high water of each ring.
+    /// Size and high water of each queue and ring.
     #[must_use]
     pub fn capacities(&self) -> Vec<Capacity> {
-        let all = RINGS.iter().zip(&self.progress.high_water);
+        let all = SOURCES.iter().zip(&self.progress.high_water);
         let of = |(&(name, room), most): (&(_, _), &AtomicUsize)| {
             Capacity::new(name, room, most.load(Ordering::Relaxed))
         };

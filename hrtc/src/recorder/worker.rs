@@ -1,8 +1,9 @@
-//! The recorder's thread: takes what the rings hold, keeps the twin abreast, encodes.
+//! The recorder's thread: takes what the queues and rings hold, keeps the twin abreast, encodes.
 
 use super::disk::{Disk, RecordingPlace};
 use super::encoder::Encoder;
 use super::late_twin::{CatchUp, LateTwin};
+use super::queue::Receiver;
 use super::shown::Level;
 use super::twin::Twin;
 use super::{Hole, Progress, RecordingError, RecordingHead};
@@ -21,23 +22,23 @@ use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-/// The recorder's ends of the rings.
-pub(super) struct RecordedRings {
-    pub ticks: Consumer<TickRecord>,
+/// The recorder's ends of its queues and rings.
+pub(super) struct Sources {
+    pub ticks: Receiver<TickRecord>,
     /// By their numbers in the order of arrival.
-    pub chunks: Consumer<(u64, InboxChunk)>,
+    pub chunks: Receiver<(u64, InboxChunk)>,
     /// By their ticks.
     pub requests: Consumer<(u64, Request)>,
     /// By their ticks.
     pub reports: Consumer<(u64, ContactReport)>,
 }
 
-impl RecordedRings {
+impl Sources {
     /// Entries that wait in each.
     fn fill(&self) -> [usize; 4] {
         [
-            self.ticks.slots(),
-            self.chunks.slots(),
+            self.ticks.len(),
+            self.chunks.len(),
             self.requests.slots(),
             self.reports.slots(),
         ]
@@ -60,7 +61,7 @@ struct Outgoing {
 
 /// State of the thread.
 pub(super) struct Worker {
-    rings: RecordedRings,
+    sources: Sources,
     head: RecordingHead,
     files: KeptFiles,
     probes: usize,
@@ -97,7 +98,7 @@ impl Worker {
     /// # Errors
     /// When the scene's files are not enough for a replay, or the file cannot be created.
     pub(super) fn new(
-        rings: RecordedRings,
+        sources: Sources,
         head: RecordingHead,
         files: KeptFiles,
         place: RecordingPlace,
@@ -106,7 +107,7 @@ impl Worker {
         let controller = head.controller(&files)?;
         let probes = controller.probes();
         Ok(Self {
-            rings,
+            sources,
             probes,
             encoder: Some(Encoder::new(&head, &files, probes, monotonic_ns())?),
             disk: Disk::start(place.clone())?,
@@ -131,7 +132,7 @@ impl Worker {
     /// Records until the run has ended; the files that are kept, oldest first.
     pub(super) fn run(mut self, ending: &OnceLock<Ending>) -> Vec<PathBuf> {
         loop {
-            // Read before the rings, so that nothing comes after the last look.
+            // Read before the rest, so that nothing comes after the last look.
             let ending = ending.get();
             self.take();
             if let Some(ending) = ending {
@@ -141,9 +142,9 @@ impl Worker {
         }
     }
 
-    /// Takes what the rings hold.
+    /// Takes what the queues and rings hold.
     fn take(&mut self) {
-        while let Ok(record) = self.rings.ticks.pop() {
+        while let Some(record) = self.sources.ticks.pop() {
             self.note_fill();
             let recorded = self.tick(&record).and_then(|()| self.rotate());
             self.heed(recorded);
@@ -156,9 +157,9 @@ impl Worker {
         self.heed(done);
     }
 
-    /// Notes how full the rings are.
+    /// Notes how full they are.
     fn note_fill(&self) {
-        for (most, fill) in self.progress.high_water.iter().zip(self.rings.fill()) {
+        for (most, fill) in self.progress.high_water.iter().zip(self.sources.fill()) {
             most.fetch_max(fill, Ordering::Relaxed);
         }
     }
@@ -190,7 +191,7 @@ impl Worker {
     /// Runs a tick of the twin, unless the recorder is so late that ticks would be lost for it:
     /// then it falls behind, and files that begin meanwhile have no keyframe.
     fn tick_twin(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
-        let is_late = self.rings.ticks.slots() > RECORDED_TICKS / 8 * 7;
+        let is_late = self.sources.ticks.len() > RECORDED_TICKS / 8 * 7;
         let Some(twin) = &mut self.twin else {
             return Ok(());
         };
@@ -255,15 +256,8 @@ impl Worker {
 
     /// Takes the chunks that had arrived before a tick.
     fn chunks(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
-        while self
-            .rings
-            .chunks
-            .peek()
-            .is_ok_and(|of| of.0 < record.chunks_arrived)
-        {
-            let Ok((index, chunk)) = self.rings.chunks.pop() else {
-                break;
-            };
+        let arrived = |of: &(u64, InboxChunk)| of.0 < record.chunks_arrived;
+        while let Some((index, chunk)) = self.sources.chunks.pop_if(arrived) {
             if index != self.next_chunk {
                 self.lose(record.tick, record.tick, "chunks before them were lost")?;
             }
@@ -282,8 +276,8 @@ impl Worker {
     /// Takes the requests and reports of a tick; those of lost ticks are passed over.
     fn outgoing(&mut self, record: &TickRecord) -> Result<Outgoing, RecordingError> {
         let outgoing = Outgoing {
-            requests: of_tick(&mut self.rings.requests, record.tick),
-            reports: of_tick(&mut self.rings.reports, record.tick),
+            requests: of_tick(&mut self.sources.requests, record.tick),
+            reports: of_tick(&mut self.sources.reports, record.tick),
         };
         let found = (outgoing.requests.len(), outgoing.reports.len());
         if found != (record.requests as usize, record.reports as usize)

@@ -1,12 +1,12 @@
 //! What the recorder does when it is late.
 
 use super::*;
-use crate::recorder::{Replay, replay, rings, write_black_box};
+use crate::recorder::queue::Sender;
+use crate::recorder::{Replay, replay, sources, write_black_box};
 use crate::setup::ControllerSetup;
 use crate::tuning::RECORDED_TICKS;
 use haptic_device::Capabilities;
 use hrtc_core::streaming::subscriber::Identity;
-use rtrb::Producer;
 use scene::Overrides;
 use scene_files::NotingFiles;
 use std::path::Path;
@@ -51,23 +51,23 @@ fn ticks(head: &RecordingHead, files: &KeptFiles, count: usize) -> Vec<TickRecor
     (0..count as u64).map(tick).collect()
 }
 
-/// A worker, and the ring of ticks that it takes. It keeps all ticks of these runs (some 700 bytes
-/// each), and a full ring fills more than one file.
-fn worker(folder: &Path, head: RecordingHead, files: KeptFiles) -> (Worker, Producer<TickRecord>) {
-    let (ring, _, ends) = rings();
+/// A worker, and the queue of ticks that it takes. It keeps all ticks of these runs (some 700 bytes
+/// each), and a full queue fills more than one file.
+fn worker(folder: &Path, head: RecordingHead, files: KeptFiles) -> (Worker, Sender<TickRecord>) {
+    let (queue, _, ends) = sources();
     let place = RecordingPlace {
         first: folder.join("run.mcap"),
         keep_bytes: 10 << 20,
         owns_folder: false,
     };
     let worker = Worker::new(ends, head, files, place, Arc::default());
-    (worker.unwrap(), ring)
+    (worker.unwrap(), queue)
 }
 
 /// Gives ticks that the worker takes all at once.
-fn take(worker: &mut Worker, ring: &mut Producer<TickRecord>, run: &[TickRecord]) {
+fn take(worker: &mut Worker, queue: &mut Sender<TickRecord>, run: &[TickRecord]) {
     for record in run {
-        ring.push(*record).unwrap();
+        assert!(queue.push(*record));
     }
     worker.take();
 }
@@ -86,8 +86,8 @@ fn a_late_recorder_loses_keyframes_before_ticks_and_the_black_box_replays() {
     let folder = tempfile::tempdir().unwrap();
     let (head, files) = head(folder.path());
     let run = ticks(&head, &files, RECORDED_TICKS);
-    let (mut worker, mut ring) = worker(folder.path(), head, files);
-    take(&mut worker, &mut ring, &run);
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
+    take(&mut worker, &mut queue, &run);
     let (kept, found) = finish(worker);
     assert!(found.len() >= 2, "{found:?}");
     assert!(found.iter().all(|of| of.equal && of.whole), "{found:?}");
@@ -104,16 +104,16 @@ fn a_recorder_that_was_late_catches_up_from_its_files_and_the_next_one_replays()
     let folder = tempfile::tempdir().unwrap();
     let (head, files) = head(folder.path());
     let run = ticks(&head, &files, 9 * RECORDED_TICKS / 4);
-    let (mut worker, mut ring) = worker(folder.path(), head, files);
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
     let (late, on_time) = run.split_at(RECORDED_TICKS);
-    take(&mut worker, &mut ring, late);
+    take(&mut worker, &mut queue, late);
     assert!(worker.twin.is_none() && worker.late.is_some());
     while worker.late.is_some() {
         worker.take();
     }
     assert!(worker.twin.is_some(), "it gave up");
     for run in on_time.chunks(RECORDED_TICKS / 8) {
-        take(&mut worker, &mut ring, run);
+        take(&mut worker, &mut queue, run);
     }
     let (_, found) = finish(worker);
     assert!(found.iter().all(|of| of.equal && of.whole), "{found:?}");
@@ -130,8 +130,8 @@ fn a_tick_that_found_no_room_is_marked_and_those_before_it_replay() {
     let (head, files) = head(folder.path());
     let mut run = ticks(&head, &files, RECORDED_TICKS / 8);
     let lost = run.remove(RECORDED_TICKS / 16).tick;
-    let (mut worker, mut ring) = worker(folder.path(), head, files);
-    take(&mut worker, &mut ring, &run);
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
+    take(&mut worker, &mut queue, &run);
     assert!(worker.twin.is_none() && worker.late.is_none());
     let (_, found) = finish(worker);
     assert!(found[0].equal && !found[0].whole, "{found:?}");

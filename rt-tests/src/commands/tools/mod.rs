@@ -148,10 +148,11 @@ pub fn run(args: &ToolsArgs) -> Result<Tools, Failure> {
                 [&pair.model, &pair.tool],
                 seed,
                 seconds,
-            );
+            )?;
             bar.set_message(format!("{} seed {seed}", pair.model));
             bar.inc(1);
-            row
+            bar.suspend(|| eprintln!("{}", row.sentence()));
+            Ok(row)
         })
         .collect();
     bar.finish_and_clear();

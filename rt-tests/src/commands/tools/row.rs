@@ -74,6 +74,21 @@ pub struct Row {
 }
 
 impl Row {
+    /// What one sees of it while others are still measured.
+    #[must_use]
+    pub fn sentence(&self) -> String {
+        let off = self.force_difference_n;
+        format!(
+            "{} seed {}: behind in {:.2} % of ticks, late in {:.2} %, force off by {:.3} N at p99 and {:.3} N at most",
+            self.model,
+            self.seed,
+            100.0 * self.behind_share,
+            100.0 * self.late_share,
+            off.p99,
+            off.max,
+        )
+    }
+
     /// The limits that are not kept.
     #[must_use]
     pub fn broken(&self) -> Vec<&'static str> {
