@@ -263,11 +263,10 @@ fn what_changes_in_each_tick_is_known_after_some() {
     /// A sixth of the least that a scene gives, so that few faces take several ticks.
     const BUDGET: u32 = 2000;
     const TICKS: u32 = 200;
-    /// Ticks at whose end the tool may know nothing, amid a collection, and that may end within
-    /// their first step (measured: 69 and 96; 135 and 175 where the look-ahead never becomes
-    /// shorter).
-    const MOST: u32 = 100;
-    const MOST_UNFINISHED: u32 = 150;
+    /// Ticks in a row at whose end the tool may know nothing, amid a collection, and ticks that may
+    /// end within their first step (measured: 21 and 117).
+    const MOST_IN_A_ROW: u32 = 30;
+    const MOST_UNFINISHED: u32 = 140;
     for (name, parts) in models(6000) {
         let mut front = Front::new(&parts, 60, &mut Random::new(1));
         let size = front.diagonal();
@@ -284,7 +283,7 @@ fn what_changes_in_each_tick_is_known_after_some() {
         for k in 0..400 {
             lead(&mut hand, &front, &pose(k), ROUGH_BUDGET);
         }
-        let (mut unknown, mut unfinished) = (0, 0);
+        let (mut unknown, mut in_a_row, mut unfinished) = (0, 0, 0);
         for tick in 400..400 + TICKS {
             let away = |&i: &Handle| {
                 let at = Vec3::from(parts.records[i as usize].pos_t).as_dvec3();
@@ -297,12 +296,17 @@ fn what_changes_in_each_tick_is_known_after_some() {
             tree.refit(|f| mesh.face_box(f));
             let answer = hand.proxy.advance(front.surface(), &pose(tick), BUDGET);
             let is_finished = answer.ending.is_complete();
-            unknown += u32::from(hand.proxy.known_margin() <= 0.0);
+            in_a_row = if hand.proxy.known_margin() <= 0.0 {
+                in_a_row + 1
+            } else {
+                0
+            };
+            unknown = in_a_row.max(unknown);
             unfinished += u32::from(!is_finished);
             assert!(!is_finished || !hand.meets(&front), "{name}: tick {tick}");
         }
-        println!("{name}: {unknown} ticks know nothing, {unfinished} end within their first step");
-        assert!(unknown <= MOST, "{name}: {unknown}");
+        println!("{name}: {unknown} ticks in a row know nothing, {unfinished} end in a first step");
+        assert!(unknown <= MOST_IN_A_ROW, "{name}: {unknown}");
         assert!(unfinished <= MOST_UNFINISHED, "{name}: {unfinished}");
     }
 }

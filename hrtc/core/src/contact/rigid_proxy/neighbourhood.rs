@@ -15,6 +15,7 @@ use super::shape::{ToolShape, is_flat};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::tool::RelativePath;
 use collect::PartialCollection;
+pub(super) use collect::Updated;
 use geometry::Aabb;
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};

@@ -3,6 +3,7 @@
 use super::look::LastStep;
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
+use super::neighbourhood::Updated;
 use super::sweep::{Swept, free_share};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::Twist;
@@ -25,11 +26,6 @@ const SKIN_SHARE: f64 = 0.05;
 /// Length of the path for which a tick must know the candidates, in units of the device's motion.
 /// By `rt-tests tools` (dragon, bunny) 2 costs 2 to 3 % less in the median tick than 1.5.
 const AHEAD: f64 = 2.0;
-/// The part of the budget, one over this, that further work after the first step leaves by what
-/// such work has cost last, since it may cost more. With a third (dragon, seeds 1 and 2, 8 s of a
-/// copy of the measure of `rt-tests tools`) 5.7 and 2.6 % of the ticks end more than 0.05 mm
-/// behind, with a tenth 4.1 and 1.7 %.
-const RESERVE: u32 = 10;
 /// The least part of a step that is made where the budget did not suffice to see all of it.
 const MIN_PART: f64 = 0.1;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
@@ -72,8 +68,6 @@ pub(super) struct TickSteps<'a> {
     pub(super) offset: f64,
     pub(super) budget: u32,
     limit: Limit<'a>,
-    /// Cost within which further work is begun.
-    allowance: u32,
     has_collected: bool,
     failures: u32,
     needs_candidates: bool,
@@ -88,7 +82,7 @@ impl TickSteps<'_> {
         let is_first = answer.steps == 0;
         let is_in_time =
             (is_first && !self.has_collected) || !self.limit.is_out_of_time(answer.spent);
-        is_in_time && (is_first || answer.spent + cost <= self.allowance)
+        is_in_time && (is_first || answer.spent + cost <= self.budget)
     }
 }
 
@@ -119,7 +113,6 @@ impl ToolProxy {
             offset: self.contact_offset(),
             budget,
             limit,
-            allowance: budget - budget / RESERVE,
             has_collected: false,
             failures: 0,
             needs_candidates: true,
@@ -176,11 +169,11 @@ impl ToolProxy {
         if !tick.did_not_move && covers {
             return Next::Step;
         }
-        // One that ends in another tick leaves this one without candidates; without time for a
-        // step, the next tick begins with it.
-        if !tick.may_go_on(answer, self.collection_cost) {
+        // The next tick goes on with what this one has no time for.
+        if !tick.may_go_on(answer, 0) {
             return Next::End;
         }
+        let is_last = !tick.may_go_on(answer, self.collection_cost);
         let is_new = !self.near.has_partial_collection();
         if is_new {
             // Since the proxy last reached the device, that has moved in earlier ticks, too.
@@ -195,7 +188,7 @@ impl ToolProxy {
             *likely
         };
         // One that looks farther than needed leaves room for one that does not.
-        let is_longer = is_new && length > needed;
+        let is_longer = is_new && length > needed && !is_last;
         let left = tick.budget.saturating_sub(answer.spent);
         let most = if is_longer { left / 2 } else { left };
         // It numbers the pairs anew.
@@ -324,8 +317,8 @@ impl ToolProxy {
         }
     }
 
-    /// Updates the candidate pairs where the surface changed; invalidates them if that fails, and
-    /// an unfinished collection.
+    /// Updates the candidate pairs where the surface changed, also those of an unfinished
+    /// collection; invalidates them if that fails.
     /// Returns the number of pairs before those of changed faces, where all of these are known.
     pub(super) fn update(
         &mut self,
@@ -336,18 +329,21 @@ impl ToolProxy {
     ) -> Option<usize> {
         let most = budget / UPDATE_SHARE;
         let changed = mesh_change.changed();
-        let first_changed = changed.and_then(|changed| {
-            let (first_changed, work) = self.near.update(surface, &self.shape, changed, most);
+        let updated = changed.map_or(Updated::Unknown, |changed| {
+            let (updated, work) = self.near.update(surface, &self.shape, changed, most);
             answer.work.add(work);
             answer.spent += work.cost();
-            first_changed
+            updated
         });
         self.stops.clear();
-        if first_changed.is_none() {
+        if updated == Updated::Unknown {
             self.invalidate();
         }
         self.near.place(&self.shape, &self.at);
-        first_changed
+        match updated {
+            Updated::All(first_changed) => Some(first_changed),
+            Updated::Unfinished | Updated::Unknown => None,
+        }
     }
 
     /// Invalidates the candidate pairs.

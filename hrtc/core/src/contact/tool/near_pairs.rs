@@ -157,6 +157,18 @@ impl Resume {
         }
     }
 
+    /// If this is in the middle of a face, which has changed, it is before that from now on.
+    pub(crate) fn begin_again(&mut self, face: Handle) {
+        if self.face == face {
+            (self.face, self.place) = (NONE, 0);
+        }
+    }
+
+    /// Whether this is beyond a face of the surface: the search does not come to it any more.
+    pub(crate) fn is_beyond(self, surface: &Surface<'_>, face: Handle) -> bool {
+        self.is_after(surface.tree.leaf_of(face))
+    }
+
     /// Whether all leaves below a key are before this point.
     fn is_after(self, key: u32) -> bool {
         let free = key.leading_zeros();
@@ -373,5 +385,54 @@ impl NearPairSearch<'_> {
             }
             None => None,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ab_tree::{AbTree, leaf_key};
+    use spm::{ActiveMesh, Certified};
+
+    /// A search that ends amid a face goes on there, or examines all of it where it has changed.
+    #[test]
+    fn a_face_that_has_changed_is_examined_anew() {
+        const FACES: u32 = 64;
+        let mut mesh = ActiveMesh::new(3, 1, 0);
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        for (vertex, corner) in (0u32..).zip(corners) {
+            mesh.set_base_vertex(vertex, corner, Certified::EXACT);
+        }
+        mesh.set_base_face(0, [0, 1, 2], [NONE; 3])
+            .expect("the vertices are there");
+        let mut tree = AbTree::new(1);
+        tree.preconstruct(1);
+        tree.insert(0, leaf_key(0, 1));
+        tree.refit(|face| mesh.face_box(face));
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let mut tool = Blocks::new((0..FACES).collect());
+        let own = corners.map(|corner| Vec3A::from(corner).as_dvec3() * 0.1);
+        tool.refit(|_| own);
+        let path = RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]);
+        let search = |resume: Resume, budget: u32| {
+            let (mut visited, mut limit) = (0, Limit::from(budget));
+            let (_, _, next) =
+                for_each_near_pair(&surface, &tool, &path, 0.1, resume, &mut limit, |_, _| {
+                    visited += 1;
+                    ControlFlow::Continue(0.1)
+                });
+            (visited, next)
+        };
+        let (first, mut amid) = search(Resume::START, 100);
+        assert!(first > 0 && first < FACES, "{first}");
+        assert_eq!(search(amid, u32::MAX).0, FACES - first);
+        assert!(!amid.is_beyond(&surface, 0));
+        amid.begin_again(1);
+        assert_eq!(search(amid, u32::MAX).0, FACES - first);
+        amid.begin_again(0);
+        assert_eq!(search(amid, u32::MAX).0, FACES);
     }
 }

@@ -22,6 +22,17 @@ pub(super) struct PartialCollection {
     resume: Resume,
 }
 
+/// What is known after an update.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in super::super) enum Updated {
+    /// All pairs; of these, so many before those of changed faces.
+    All(usize),
+    /// Those of an unfinished collection, which may go on.
+    Unfinished,
+    /// Not all pairs, for lack of room or budget, or since there were none before.
+    Unknown,
+}
+
 impl Neighbourhood {
     /// Collects all pairs of a tube. If there are too many, the margin shrinks; if that does not
     /// suffice, nothing is known and the ending says so. If the limit of node pairs is reached, the
@@ -155,31 +166,35 @@ impl Neighbourhood {
         Some(gap)
     }
 
-    /// Updates the pairs after faces have changed or gone: the result is that of a new collection.
-    /// Returns the number of pairs before those of changed faces; `None` if nothing was known, if
-    /// there is no room, or if it costs more than `most`. And its cost.
+    /// Updates the pairs after faces have changed or gone: the result is that of a new collection,
+    /// or of an unfinished one that had come as far. It may not cost more than `most`.
     pub fn update(
         &mut self,
         surface: Surface<'_>,
         shape: &ToolShape,
         changed: &[Handle],
         most: u32,
-    ) -> (Option<usize>, PairWork) {
+    ) -> (Updated, PairWork) {
         let mut work = PairWork::default();
-        if self.partial.is_some() || self.tube.left() <= 0.0 {
-            return (None, work);
-        }
+        let (tube, margin, mut resume) = match self.partial {
+            Some(partial) => (partial.tube, partial.margin, Some(partial.resume)),
+            None if self.tube.left() > 0.0 => (self.tube, self.tube.straight_margin(), None),
+            None => return (Updated::Unknown, work),
+        };
         self.generation += 1;
         let mesh = surface.mesh;
-        let margin = self.tube.straight_margin();
-        let within = margin + self.tube.bend_seen(margin);
-        let ends = self.tube.ends();
+        let within = margin + tube.bend_seen(margin);
+        let ends = tube.ends();
         self.place(shape, &ends[0]);
         self.place_ends(shape, &ends[1]);
         let kept = self.drop_changed(mesh, changed);
         let path = self.path;
+        if let Some(resume) = &mut resume {
+            changed.iter().for_each(|&face| resume.begin_again(face));
+        }
+        let is_ahead = |face| resume.is_some_and(|at| !at.is_beyond(&surface, face));
         for &face in changed {
-            if !surface.has(face) || self.face_places.find(face).is_some() {
+            if !surface.has(face) || self.face_places.find(face).is_some() || is_ahead(face) {
                 continue;
             }
             let mut candidate = CandidateFace::of(mesh, face);
@@ -205,11 +220,17 @@ impl Neighbourhood {
             work.faces += visited;
             work.node_pairs += cost - PairWork::FACE_PAIR * visited;
             if !(has_room && is_all) {
-                return (None, work);
+                return (Updated::Unknown, work);
             }
         }
         self.high_water = self.high_water.max(self.pairs.len());
-        (Some(kept), work)
+        match (&mut self.partial, resume) {
+            (Some(partial), Some(resume)) => {
+                partial.resume = resume;
+                (Updated::Unfinished, work)
+            }
+            _ => (Updated::All(kept), work),
+        }
     }
 
     /// Drops the pairs of faces that have changed or are gone. Returns how many are left.
