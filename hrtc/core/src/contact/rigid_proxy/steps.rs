@@ -173,7 +173,7 @@ impl ToolProxy {
         if !tick.may_go_on(answer, 0) {
             return Next::End;
         }
-        let is_last = !tick.may_go_on(answer, self.collection_cost);
+        let is_first = answer.steps == 0;
         let is_new = !self.near.has_partial_collection();
         if is_new {
             // Since the proxy last reached the device, that has moved in earlier ticks, too.
@@ -187,8 +187,9 @@ impl ToolProxy {
         } else {
             *likely
         };
-        // One that looks farther than needed leaves room for one that does not.
-        let is_longer = is_new && length > needed && !is_last;
+        // Before the first step, one that looks farther than needed leaves room for one that does
+        // not. Later ones are gone on with in the next tick.
+        let is_longer = is_first && is_new && length > needed;
         let left = tick.budget.saturating_sub(answer.spent);
         let most = if is_longer { left / 2 } else { left };
         // It numbers the pairs anew.
@@ -197,7 +198,7 @@ impl ToolProxy {
             tick.has_collected = true;
             return Next::Step;
         }
-        if answer.steps > 0 {
+        if !is_first {
             // What earlier steps of the tick reached stays.
             answer.ending = Ending::Complete;
         }
