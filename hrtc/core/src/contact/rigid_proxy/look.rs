@@ -3,7 +3,7 @@
 use super::contacts::{PLACED, ToolContact};
 use super::projection::{HalfSpace, project};
 use super::steps::TickSteps;
-use super::sweep::least_cost;
+use super::sweep::{PART, least_cost};
 use super::{ToolAdvance, ToolProxy};
 use crate::contact::motion::Twist;
 use geometry::closest_points_of_triangles;
@@ -76,7 +76,7 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) -> Option<(Twist, Twist, f64)> {
         let contacts = self.contacts.all().len() as u32 + 1;
-        let cost = self.near.vertex_count() / PLACED + PROJECTED * contacts;
+        let cost = self.near.vertex_count() / PLACED + PART + PROJECTED * contacts;
         if answer.spent + cost + least_cost(&self.near) > tick.budget {
             return None;
         }
@@ -136,7 +136,12 @@ impl ToolProxy {
                 return None;
             }
             if looks == 1 {
+                let of_stops = PART * self.stops.len() as u32;
+                if answer.spent + of_stops > budget {
+                    return None;
+                }
                 self.add_stops(offset);
+                answer.spent += of_stops;
             }
             let projected = PROJECTED * self.contacts.all().len() as u32;
             if answer.spent + projected > budget {

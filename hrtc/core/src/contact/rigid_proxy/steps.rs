@@ -37,8 +37,8 @@ const MAX_FAILURES: u32 = 3;
 const CONVERGED: f64 = 1e-6;
 /// The same as a fraction of the device's motion; the next tick makes the remaining motion.
 const LAG: f64 = 0.05;
-/// Stops that are remembered: one per step.
-pub(super) const MAX_STOPS: usize = StepSettings::PRODUCT.max_steps as usize;
+/// Stops that are remembered: the last ones of the tick.
+pub(super) const MAX_STOPS: usize = 12;
 
 /// By what a step of a tool could trade accuracy for time. No key of a scene; `rt-tests accuracy`
 /// compares them.
@@ -53,7 +53,7 @@ pub struct StepSettings {
 impl StepSettings {
     /// What the controller uses.
     pub const PRODUCT: Self = Self {
-        max_steps: 12,
+        max_steps: 64,
         contact_offset: 1e-4,
     };
 }
@@ -311,9 +311,11 @@ impl ToolProxy {
 
     fn remember_stop(&mut self, stop: Option<usize>) {
         if let Some(stop) = stop
-            && self.stops.len() < MAX_STOPS
             && !self.stops.contains(&stop)
         {
+            if self.stops.len() == MAX_STOPS {
+                self.stops.remove(0);
+            }
             self.stops.push(stop);
         }
     }

@@ -21,9 +21,10 @@ const PARTS: u32 = 16;
 const SHORT: f64 = 0.25;
 /// Trials of a part along turning directions.
 const TRIES: u32 = 3;
-/// Cost of a pair that is swept, and of each part of its motion, in node pairs (measured).
+/// Cost of a pair that is swept, and of each part of its motion or the closest points of two faces,
+/// in node pairs (measured).
 const SWEPT: u32 = 4;
-const PART: u32 = 18;
+pub(super) const PART: u32 = 18;
 /// Reduction of a part against rounding.
 const WITHIN: f64 = 1.0 - 1e-6;
 /// Share of the minimum separation within which a pair counts as stopped.
