@@ -11,9 +11,8 @@ pub struct ToolAdvance {
     pub(super) contact_count: usize,
     /// Whether everything near was examined. If not, the proxy stayed at a safe placement.
     pub ending: Ending,
-    /// Whether a part of the motion remains for the next tick: for lack of budget, as the ending
-    /// says, or since a tick that has spent its share begins no further work, which keeps the cost
-    /// of ticks even.
+    /// Whether a part of the motion remains for the next tick: for lack of budget before the first
+    /// step, as the ending says, or after some steps.
     pub is_unsettled: bool,
     /// Cost of collections and of tests of the whole tool.
     pub work: PairWork,

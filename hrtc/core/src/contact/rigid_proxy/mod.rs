@@ -150,9 +150,7 @@ pub struct ToolProxy {
     pace: f64,
     /// Total motion of the device since the proxy last reached it, model units.
     device_travel: f64,
-    /// Cost of the last collection and of the last step, in node pairs: what the next ones are
-    /// expected to cost.
-    collection_cost: u32,
+    /// Cost of the last step, in node pairs: what the next one is expected to cost.
     step_cost: u32,
     rejected: u64,
 }
@@ -195,7 +193,6 @@ impl ToolProxy {
             has_unused_collection: false,
             pace: 0.0,
             device_travel: 0.0,
-            collection_cost: 0,
             step_cost: 0,
             rejected: 0,
             tool,
@@ -227,7 +224,6 @@ impl ToolProxy {
         self.look_ahead = LookAhead::new(self.shape.gyration);
         self.pace = 0.0;
         self.device_travel = 0.0;
-        self.collection_cost = 0;
         self.step_cost = 0;
         self.estimate = None;
         Ok(())

@@ -51,7 +51,9 @@ pub struct StepSettings {
 }
 
 impl StepSettings {
-    /// What the controller uses.
+    /// What the controller uses. The budget ends a tick before so many steps but where few faces are
+    /// near and move: there each step is short and cheap, and twelve spent a fifth of it (`rt-tests
+    /// stability station-restart-tool-small-lossy --rate 500`).
     pub const PRODUCT: Self = Self {
         max_steps: 64,
         contact_offset: 1e-4,
@@ -321,8 +323,8 @@ impl ToolProxy {
     }
 
     /// Updates the candidate pairs where the surface changed, also those of an unfinished
-    /// collection; invalidates them if that fails.
-    /// Returns the number of pairs before those of changed faces, where all of these are known.
+    /// collection; invalidates them if that fails. Returns the number of pairs before those of
+    /// changed faces, where all of these are known.
     pub(super) fn update(
         &mut self,
         surface: Surface<'_>,
@@ -406,7 +408,6 @@ impl ToolProxy {
         let (ending, work) = self.near.collect(tick.surface, &self.shape, tube, limit);
         answer.work.add(work);
         answer.spent += work.cost();
-        self.collection_cost = work.cost();
         self.look_ahead.note(work.cost(), 0.0);
         self.has_unused_collection = false;
         if self.near.tube.left() <= offset {
