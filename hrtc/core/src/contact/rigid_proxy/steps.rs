@@ -51,11 +51,11 @@ pub struct StepSettings {
 }
 
 impl StepSettings {
-    /// What the controller uses. The budget ends a tick before so many steps but where few faces are
-    /// near and move: there each step is short and cheap, and twelve spent a fifth of it (`rt-tests
-    /// stability station-restart-tool-small-lossy --rate 500`).
+    /// What the controller uses. The budget ends a tick before so many steps, but where few faces
+    /// are near and move: there each step is short and cheap, and twelve spent a fifth of it
+    /// (`rt-tests stability station-restart-tool-small-lossy --rate 500`).
     pub const PRODUCT: Self = Self {
-        max_steps: 64,
+        max_steps: 32,
         contact_offset: 1e-4,
     };
 }
