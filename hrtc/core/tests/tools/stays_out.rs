@@ -264,7 +264,7 @@ fn what_changes_in_each_tick_is_known_after_some() {
     const BUDGET: u32 = 2000;
     const TICKS: u32 = 200;
     /// Ticks in a row at whose end the tool may know nothing, amid a collection, and ticks that may
-    /// end within their first step (measured: 21 and 117).
+    /// end within their first step (measured: 26 and 117).
     const MOST_IN_A_ROW: u32 = 30;
     const MOST_UNFINISHED: u32 = 140;
     for (name, parts) in models(6000) {
