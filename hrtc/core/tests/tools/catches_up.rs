@@ -280,6 +280,53 @@ fn a_tip_on_a_large_fan_comes_along_at_a_small_budget() {
     assert!(behind.x.abs() < 5e-4 && behind.z > -0.002, "{behind}");
 }
 
+/// A rod in a hole that fits closely: thousands of pairs are near all the time, so that their
+/// collection, the search for contacts and the sweep of a step take several ticks together. The
+/// step goes on from tick to tick, and the tool goes as deep as the device does.
+#[test]
+fn a_rod_in_a_close_hole_comes_along_at_a_small_budget() {
+    const SIDES: u32 = 160;
+    const RINGS: u32 = 60;
+    const TICKS: u32 = 6000;
+    const DEPTH: f64 = 0.8 * LENGTH;
+    let play = 0.01 * RADIUS;
+    // The wall of the hole, seen from inside.
+    let corner = |ring: u32, side: u32| ring * SIDES + side % SIDES;
+    let place = |k: u32| {
+        let angle = std::f64::consts::TAU * f64::from(k % SIDES) / f64::from(SIDES);
+        let depth = LENGTH * f64::from(k / SIDES) / f64::from(RINGS);
+        let wide = (RADIUS + play) / (std::f64::consts::PI / f64::from(SIDES)).cos();
+        DVec3::new(wide * angle.cos(), wide * angle.sin(), -depth)
+    };
+    let quads = (0..RINGS).flat_map(|ring| (0..SIDES).map(move |side| [ring, side]));
+    let wall = quads.flat_map(|[ring, side]| {
+        let [a, b] = [corner(ring, side), corner(ring, side + 1)];
+        let [c, d] = [corner(ring + 1, side), corner(ring + 1, side + 1)];
+        [[a, b, d], [a, d, c]]
+    });
+    let hole = Front::of_mesh(&ToolMesh {
+        positions: (0..SIDES * (RINGS + 1)).map(place).collect(),
+        triangles: wall.collect(),
+    });
+    let mut hand = capsule();
+    let aim = |tick: u32| {
+        let share = f64::from(tick) / f64::from(TICKS / 2);
+        let depth = DEPTH * share.min(1.0) - 0.1 * LENGTH;
+        let aside = 2.0 * play * share.min(1.0);
+        upright(DVec3::new(aside, 0.0, -depth))
+    };
+    let mut unfinished = 0;
+    for tick in 0..TICKS {
+        let answer = lead(&mut hand, &hole, &aim(tick), MIN_TICK_BUDGET / 2).0;
+        unfinished += u32::from(!answer.ending.is_complete());
+        assert!(!hand.meets(&hole), "tick {tick}");
+    }
+    let behind = aim(TICKS).position - hand.proxy.pose().position;
+    println!("{unfinished} ticks unfinished, in the end {behind} behind");
+    assert!(unfinished > TICKS / 10, "{unfinished}");
+    assert!(behind.z.abs() < 1e-5, "{behind}");
+}
+
 /// A face of the surface with more of the tool near it than a tick may look at: the collection goes
 /// on within it, so that the tool arrives all the same.
 #[test]

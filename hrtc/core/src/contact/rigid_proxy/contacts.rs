@@ -20,7 +20,7 @@ use spm::{Handle, NONE};
 /// too much.
 const SLOPE: f64 = 0.05;
 /// Cost of a pair examined, in node pairs (measured).
-const LOOK: u32 = 5;
+pub(super) const LOOK: u32 = 5;
 /// Cost of a pair whose separation is computed, in node pairs (measured).
 pub(super) const PASSED: u32 = 1;
 /// Vertices of the tool whose placing costs as much as one node pair (measured).
@@ -92,9 +92,20 @@ pub struct Contacts {
     /// The placement.
     at: Placement,
     dropped: u32,
-    /// The placement, the pairs and the limit of the last search.
-    searched: Option<(Placement, u64, f64)>,
+    /// The last one.
+    search: Option<Search>,
     high_water: usize,
+}
+
+/// A search for contacts.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+pub(super) struct Search {
+    /// The placement of the tool and the pairs that it is for.
+    at: Placement,
+    pairs: u64,
+    pub(super) limit: f64,
+    /// Where the budget interrupted it: the first pair that was not looked at.
+    pub(super) next: Option<usize>,
 }
 
 /// Position of a corner relative to its neighbours.
@@ -129,14 +140,14 @@ impl Contacts {
             is_looked: vec![false; MAX_PAIRS],
             at: Placement::NOWHERE,
             dropped: 0,
-            searched: None,
+            search: None,
             high_water: 0,
         }
     }
 
     /// Removes all contacts.
     pub fn clear(&mut self) {
-        self.searched = None;
+        self.search = None;
         self.all.clear();
     }
 
@@ -156,11 +167,10 @@ impl Contacts {
         &self.at
     }
 
-    /// Whether the last search was for this placement and the present pairs, to its end or not.
-    pub fn are_of(&self, near: &Neighbourhood, at: &Placement) -> bool {
-        let is_of =
-            |&(of, pairs, _): &(Placement, u64, f64)| of == *at && pairs == near.generation();
-        self.searched.as_ref().is_some_and(is_of)
+    /// The last search, if it was for this placement and the present pairs.
+    pub(super) fn search_of(&self, near: &Neighbourhood, at: &Placement) -> Option<Search> {
+        let is_of = |search: &Search| search.at == *at && search.pairs == near.generation();
+        self.search.filter(is_of)
     }
 
     /// The contacts.
@@ -228,7 +238,8 @@ impl Contacts {
     /// placement or at the end of its motion. `anew`: starts from nothing; otherwise only pairs not
     /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
     /// and false if `most` was spent before the end. One that begins anew where the last one was,
-    /// for the same pairs and no farther, goes on with what that found, stops included.
+    /// for the same pairs and no farther, goes on with what that found, stops included, and where
+    /// the budget interrupted that.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
@@ -238,14 +249,23 @@ impl Contacts {
         [near_by, limit]: [f64; 2],
         most: u32,
     ) -> (u32, bool) {
-        let farthest = self.searched.map_or(0.0, |(.., limit)| limit);
-        let goes_on = self.are_of(near, at) && limit <= farthest;
-        if anew && !goes_on {
-            self.all.clear();
-            self.at = *at;
-            self.dropped = 0;
-            self.is_looked[..near.pairs.len()].fill(false);
-            self.searched = Some((*at, near.generation(), limit));
+        let mut first = 0;
+        if anew {
+            let earlier = self.search_of(near, at);
+            if let Some(earlier) = earlier.filter(|earlier| limit <= earlier.limit) {
+                first = earlier.next.unwrap_or(0);
+            } else {
+                self.all.clear();
+                self.at = *at;
+                self.dropped = 0;
+                self.is_looked[..near.pairs.len()].fill(false);
+                self.search = Some(Search {
+                    at: *at,
+                    pairs: near.generation(),
+                    limit,
+                    next: Some(0),
+                });
+            }
         }
         let (centre, rotation) = (at.centre, at.rotation());
         let mut spent = near.vertex_count() / PLACED;
@@ -253,11 +273,14 @@ impl Contacts {
             return (0, false);
         }
         let back = rotation.transpose();
-        for k in 0..near.pairs.len() {
+        for k in first..near.pairs.len() {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
             if spent + PASSED + LOOK > most {
+                if let Some(search) = self.search.as_mut().filter(|_| anew) {
+                    search.next = Some(k);
+                }
                 return (spent, false);
             }
             spent += PASSED;
@@ -291,6 +314,9 @@ impl Contacts {
             look.tool_corners(&mut found);
             look.surface_corners(&mut found);
             look.edges(&mut found);
+        }
+        if let Some(search) = &mut self.search {
+            search.next = None;
         }
         (spent, true)
     }

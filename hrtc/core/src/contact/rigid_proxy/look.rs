@@ -1,6 +1,7 @@
 //! What a step obeys: contacts, found anew or carried along, and the motion that they allow.
 
-use super::contacts::{PLACED, ToolContact};
+use super::contacts::{LOOK, PASSED, PLACED, ToolContact};
+use super::neighbourhood::Neighbourhood;
 use super::projection::{HalfSpace, project};
 use super::steps::TickSteps;
 use super::sweep::{PART, least_cost};
@@ -22,6 +23,12 @@ const NEAR_BY: f64 = 0.1;
 /// stopped early had better been short. On the dragon and the comb of `rt-tests tools`, by a copy
 /// of its measure, 3 is no better.
 const FARTHER: f64 = 8.0;
+
+/// What a step costs at least, in node pairs: its search for contacts may take several ticks, its
+/// sweep goes through all pairs in one.
+pub(super) fn least_cost_of_step(near: &Neighbourhood) -> u32 {
+    2 * (near.vertex_count() / PLACED) + PASSED + LOOK + least_cost(near)
+}
 
 /// The last step of a tick, and the last search for contacts. Model units.
 #[derive(Default)]
@@ -52,23 +59,39 @@ impl LastStep {
 }
 
 impl ToolProxy {
-    /// The contacts of a step, as [`ToolProxy::look`] returns them: those of the last step where
-    /// they suffice.
+    /// The contacts of a step, as [`ToolProxy::look`] returns them: those that are known where they
+    /// suffice.
     pub(super) fn find_contacts(
         &mut self,
         tick: &mut TickSteps<'_>,
         (wanted, likely): (&Twist, Twist),
         answer: &mut ToolAdvance,
     ) -> Option<(Twist, Twist, f64)> {
-        match tick.last.carried_range() {
-            Some(range) => self.look_at_stop(tick, (wanted, likely), range, answer),
+        match self.known_range(tick).or(tick.last.carried_range()) {
+            Some(range) => self.reuse(tick, (wanted, likely), range, answer),
             None => self.look(tick, (wanted, likely), answer),
         }
     }
 
+    /// The range for which the last tick found the contacts of this one's first step, if that is
+    /// gone on with.
+    pub(super) fn known_range(&self, tick: &TickSteps<'_>) -> Option<f64> {
+        let search = self.contacts.search_of(&self.near, &self.at)?;
+        let is_known = tick.goes_on && search.next.is_none();
+        is_known.then_some(search.limit - tick.offset)
+    }
+
+    /// How far a step may go, model units: its candidates were collected for that, or for more if
+    /// the look-ahead has become shorter since.
+    fn farthest_step(&self, tick: &TickSteps<'_>) -> f64 {
+        let ahead = self.look_ahead.length().min(self.near.tube.reach());
+        ahead.max(tick.look_around)
+    }
+
     /// The same as [`ToolProxy::look`] within a range, where the last step was stopped soon after a
-    /// search: the contacts are carried along, and the pair that stopped it is one more.
-    fn look_at_stop(
+    /// search, or is gone on with: the contacts are carried along, and the pair that stopped it is
+    /// one more.
+    fn reuse(
         &mut self,
         tick: &TickSteps<'_>,
         (wanted, likely): (&Twist, Twist),
@@ -86,9 +109,8 @@ impl ToolProxy {
         }
         answer.spent += cost;
         let motion = self.allowed(wanted, tick.offset, Some(answer));
-        let most = range
-            .max(tick.look_around)
-            .min(wanted.farthest(self.shape.radius));
+        let most = range.max(tick.look_around).min(self.farthest_step(tick));
+        let most = most.min(wanted.farthest(self.shape.radius));
         Some((likely, motion, most))
     }
 
@@ -98,7 +120,8 @@ impl ToolProxy {
     ///
     /// Features beyond the range of the step do not constrain it; the sweep stops at them. If the
     /// contacts found redirect the motion, the search is repeated along the new one. Otherwise each
-    /// step would obey only what the previous one had not seen.
+    /// step would obey only what the previous one had not seen. Where the budget does not suffice
+    /// for the first search, the next tick goes on with it; a repetition ends there.
     fn look(
         &mut self,
         tick: &mut TickSteps<'_>,
@@ -118,8 +141,12 @@ impl ToolProxy {
         let mut looks = 0;
         loop {
             looks += 1;
-            let most = wanted.farthest(radius).min(self.near.tube.reach());
+            let most = wanted.farthest(radius).min(self.farthest_step(tick));
             let most = most.min(BEYOND * likely.farthest(radius) + look_around);
+            // A search that the last tick began goes on as far as that was to go.
+            let search = self.contacts.search_of(&self.near, &self.at);
+            let unfinished = search.filter(|search| search.next.is_some());
+            let most = unfinished.map_or(most, |search| most.min(search.limit - offset));
             let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
             let there = self.at.moved(&likely.times(within));
             self.near.place_ends(&self.shape, &there);
@@ -132,7 +159,7 @@ impl ToolProxy {
                 budget.saturating_sub(answer.spent),
             );
             answer.spent += cost;
-            if !is_all {
+            if !is_all && looks == 1 {
                 return None;
             }
             if looks == 1 {
@@ -151,7 +178,7 @@ impl ToolProxy {
             answer.spent += projected;
             let begin = |motion: &Twist| motion.times((most / motion.farthest(radius)).min(1.0));
             let elsewhere = begin(&motion).minus(&begin(&likely)).farthest(radius);
-            if looks == MAX_LOOKS || elsewhere <= look_around {
+            if !is_all || looks == MAX_LOOKS || elsewhere <= look_around {
                 (tick.last.searched, tick.last.moved_since) = (most, 0.0);
                 return Some((likely, motion, most));
             }

@@ -146,6 +146,8 @@ pub struct ToolProxy {
     /// Whether the last collection has not been used by a step: the step comes before a new
     /// collection.
     has_unused_collection: bool,
+    /// Whether the last tick had no time for all of its first step: this one goes on with it.
+    has_unfinished_step: bool,
     /// Largest motion of the device in a tick since the proxy last reached it, model units.
     pace: f64,
     /// Total motion of the device since the proxy last reached it, model units.
@@ -191,6 +193,7 @@ impl ToolProxy {
             imperceptible: Imperceptible::NOTHING,
             look_ahead: LookAhead::new(shape.gyration),
             has_unused_collection: false,
+            has_unfinished_step: false,
             pace: 0.0,
             device_travel: 0.0,
             step_cost: 0,

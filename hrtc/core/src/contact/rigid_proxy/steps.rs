@@ -1,6 +1,6 @@
 //! The steps of a tick: project, sweep, repeat until no motion remains or the budget is spent.
 
-use super::look::LastStep;
+use super::look::{LastStep, least_cost_of_step};
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::neighbourhood::Updated;
@@ -26,7 +26,7 @@ const SKIN_SHARE: f64 = 0.05;
 /// Length of the path for which a tick must know the candidates, in units of the device's motion.
 /// By `rt-tests tools` (dragon, bunny) 2 costs 2 to 3 % less in the median tick than 1.5.
 const AHEAD: f64 = 2.0;
-/// The least part of a step that is made where the budget did not suffice to see all of it.
+/// The least part of a step that is made where the budget did not suffice to sweep all of it.
 const MIN_PART: f64 = 0.1;
 /// The part of the budget, one over this, for an update of the candidates; beyond, they are
 /// collected again.
@@ -73,6 +73,8 @@ pub(super) struct TickSteps<'a> {
     has_collected: bool,
     failures: u32,
     needs_candidates: bool,
+    /// Whether the first step is gone on with.
+    pub(super) goes_on: bool,
     did_not_move: bool,
     pub(super) last: LastStep,
 }
@@ -118,6 +120,7 @@ impl ToolProxy {
             has_collected: false,
             failures: 0,
             needs_candidates: true,
+            goes_on: std::mem::take(&mut self.has_unfinished_step),
             did_not_move: false,
             last: LastStep::default(),
         };
@@ -234,12 +237,14 @@ impl ToolProxy {
         let length = wanted.farthest(radius);
         let before = answer.spent;
         answer.steps += 1;
+        let is_known = self.known_range(tick).is_some();
         let Some((likely, motion, most)) = self.find_contacts(tick, (wanted, likely), answer)
         else {
             self.look_ahead.note(answer.spent - before, 0.0);
-            self.run_short(tick.has_collected, answer);
+            self.run_short(tick.budget, answer);
             return Next::End;
         };
+        tick.goes_on = false;
         answer.dropped = answer.dropped.max(self.contacts.dropped());
         let whole = motion.farthest(radius);
         if whole <= 4.0 * f64::EPSILON * (self.at.centre.length() + length) {
@@ -264,8 +269,11 @@ impl ToolProxy {
         answer.spent += swept.spent;
         let went_all = share == 1.0 && swept.share == 1.0;
         let free = answer.contact_count == 0 && went_all;
-        let done = self.part_of(&step, &swept);
-        self.at = self.at.moved(&done);
+        let part = self.part_of(&step, &swept, is_known);
+        let done = part.unwrap_or_default();
+        if part.is_some() {
+            self.at = self.at.moved(&done);
+        }
         if free {
             self.at = self.goal;
         }
@@ -275,7 +283,7 @@ impl ToolProxy {
         let cost = answer.spent - before;
         self.look_ahead.note(cost, done.farthest(radius));
         if !swept.is_all {
-            self.run_short(tick.has_collected, answer);
+            self.run_short(tick.budget, answer);
             return Next::End;
         }
         self.step_cost = cost;
@@ -291,15 +299,18 @@ impl ToolProxy {
         Next::Retry
     }
 
-    /// The part of a step that a sweep found free.
-    fn part_of(&self, step: &Twist, swept: &Swept) -> Twist {
-        let is_little = swept.share < MIN_PART;
-        if !swept.is_all && is_little && self.look_ahead.is_shortest() {
-            // At rest the directions that separate pairs and the contacts stay as they are known,
-            // and the next tick goes farther.
-            return Twist::default();
+    /// The part of a step that a sweep found free. None where that is little: the tool stays, so
+    /// that the contacts and the directions that separate pairs stay as they are known, and the
+    /// next tick goes on. If the sweep `had_all` of a tick's budget, the step was too long.
+    fn part_of(&mut self, step: &Twist, swept: &Swept, had_all: bool) -> Option<Twist> {
+        let is_little = !swept.is_all && swept.share < MIN_PART;
+        if is_little && !self.look_ahead.is_shortest() {
+            if had_all {
+                self.look_ahead.shorten();
+            }
+            return None;
         }
-        step.times(swept.share)
+        Some(step.times(swept.share))
     }
 
     /// A share of a motion, but all of the correction that the contact offset requires.
@@ -341,7 +352,7 @@ impl ToolProxy {
             updated
         });
         self.stops.clear();
-        if updated == Updated::Unknown {
+        if updated == Updated::Unknown || self.has_unfinished_step {
             self.invalidate();
         }
         self.near.place(&self.shape, &self.at);
@@ -353,30 +364,25 @@ impl ToolProxy {
 
     /// Invalidates the candidate pairs.
     pub(super) fn invalidate(&mut self) {
-        if self.near.has_partial_collection() {
-            // A collection over several ticks might never end.
+        if self.near.has_partial_collection() || self.has_unfinished_step {
+            // What takes several ticks might never end.
             self.look_ahead.shorten();
         }
+        self.has_unfinished_step = false;
         self.near.invalidate();
         self.has_unused_collection = false;
     }
 
-    /// The budget is spent before the end of a step. What earlier steps of the tick reached stays.
-    /// After a collection, the next tick has all of its budget for the step: what a collection
-    /// costs may hardly depend on the look-ahead. If that does not suffice, the candidates are too
-    /// many: they are dropped, and the look-ahead shrinks.
-    fn run_short(&mut self, has_collected: bool, answer: &mut ToolAdvance) {
+    /// The budget is spent before the end of a step: the next tick goes on with it. What earlier
+    /// steps of the tick reached stays. If all of a budget does not suffice to pass through the
+    /// candidates, they are too many: they are dropped, and the look-ahead shrinks.
+    fn run_short(&mut self, budget: u32, answer: &mut ToolAdvance) {
         if answer.steps > 1 {
             return;
         }
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
-        if has_collected {
-            return;
-        }
-        // Where there can't be fewer candidates, what was found of them serves the next tick.
-        let goes_on = self.look_ahead.is_shortest() && self.contacts.are_of(&self.near, &self.at);
-        self.look_ahead.shorten();
-        if !goes_on {
+        self.has_unfinished_step = true;
+        if least_cost_of_step(&self.near) > budget {
             self.invalidate();
         }
     }
