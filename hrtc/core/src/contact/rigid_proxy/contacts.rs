@@ -234,12 +234,31 @@ impl Contacts {
         }
     }
 
+    /// The first pair to be looked at by a search. One where the last one was, for the same pairs
+    /// and no farther, goes on with what that found, stops included, and where the budget
+    /// interrupted that; any other begins with nothing.
+    fn begin_or_go_on(&mut self, near: &Neighbourhood, at: &Placement, limit: f64) -> usize {
+        let earlier = self.search_of(near, at);
+        if let Some(earlier) = earlier.filter(|earlier| limit <= earlier.limit) {
+            return earlier.next.unwrap_or(0);
+        }
+        self.all.clear();
+        self.at = *at;
+        self.dropped = 0;
+        self.is_looked[..near.pairs.len()].fill(false);
+        self.search = Some(Search {
+            at: *at,
+            pairs: near.generation(),
+            limit,
+            next: Some(0),
+        });
+        0
+    }
+
     /// Collects the local minima below `limit`, among faces within `near_by` at the tool's
-    /// placement or at the end of its motion. `anew`: starts from nothing; otherwise only pairs not
+    /// placement or at the end of its motion. `anew`: for a new step; otherwise only pairs not
     /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
-    /// and false if `most` was spent before the end. One that begins anew where the last one was,
-    /// for the same pairs and no farther, goes on with what that found, stops included, and where
-    /// the budget interrupted that.
+    /// and false if `most` was spent before the end.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
@@ -249,24 +268,11 @@ impl Contacts {
         [near_by, limit]: [f64; 2],
         most: u32,
     ) -> (u32, bool) {
-        let mut first = 0;
-        if anew {
-            let earlier = self.search_of(near, at);
-            if let Some(earlier) = earlier.filter(|earlier| limit <= earlier.limit) {
-                first = earlier.next.unwrap_or(0);
-            } else {
-                self.all.clear();
-                self.at = *at;
-                self.dropped = 0;
-                self.is_looked[..near.pairs.len()].fill(false);
-                self.search = Some(Search {
-                    at: *at,
-                    pairs: near.generation(),
-                    limit,
-                    next: Some(0),
-                });
-            }
-        }
+        let first = if anew {
+            self.begin_or_go_on(near, at, limit)
+        } else {
+            0
+        };
         let (centre, rotation) = (at.centre, at.rotation());
         let mut spent = near.vertex_count() / PLACED;
         if spent > most {

@@ -269,11 +269,7 @@ impl ToolProxy {
         answer.spent += swept.spent;
         let went_all = share == 1.0 && swept.share == 1.0;
         let free = answer.contact_count == 0 && went_all;
-        let part = self.part_of(&step, &swept, is_known);
-        let done = part.unwrap_or_default();
-        if part.is_some() {
-            self.at = self.at.moved(&done);
-        }
+        let done = self.make_free_part(&step, &swept, is_known);
         if free {
             self.at = self.goal;
         }
@@ -299,18 +295,21 @@ impl ToolProxy {
         Next::Retry
     }
 
-    /// The part of a step that a sweep found free. None where that is little: the tool stays, so
-    /// that the contacts and the directions that separate pairs stay as they are known, and the
-    /// next tick goes on. If the sweep `had_all` of a tick's budget, the step was too long.
-    fn part_of(&mut self, step: &Twist, swept: &Swept, had_all: bool) -> Option<Twist> {
+    /// Makes the part of a step that a sweep found free, and returns it. Where that is little the
+    /// tool stays, so that the contacts and the directions that separate pairs stay as they are
+    /// known, and the next tick goes on. If the sweep `had_all` of a tick's budget, the step was
+    /// too long.
+    fn make_free_part(&mut self, step: &Twist, swept: &Swept, had_all: bool) -> Twist {
         let is_little = !swept.is_all && swept.share < MIN_PART;
         if is_little && !self.look_ahead.is_shortest() {
             if had_all {
                 self.look_ahead.shorten();
             }
-            return None;
+            return Twist::default();
         }
-        Some(step.times(swept.share))
+        let done = step.times(swept.share);
+        self.at = self.at.moved(&done);
+        done
     }
 
     /// A share of a motion, but all of the correction that the contact offset requires.
