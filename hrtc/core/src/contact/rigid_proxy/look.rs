@@ -1,7 +1,6 @@
 //! What a step obeys: contacts, found anew or carried along, and the motion that they allow.
 
 use super::contacts::{LOOK, PASSED, PLACED, ToolContact};
-use super::neighbourhood::Neighbourhood;
 use super::projection::{HalfSpace, project};
 use super::steps::TickSteps;
 use super::sweep::{PART, least_cost};
@@ -23,12 +22,6 @@ const NEAR_BY: f64 = 0.1;
 /// stopped early had better been short. On the dragon and the comb of `rt-tests tools`, by a copy
 /// of its measure, 3 is no better.
 const FARTHER: f64 = 8.0;
-
-/// What a step costs at least, in node pairs: its search for contacts may take several ticks, its
-/// sweep goes through all pairs in one.
-pub(super) fn least_cost_of_step(near: &Neighbourhood) -> u32 {
-    2 * (near.vertex_count() / PLACED) + PASSED + LOOK + least_cost(near)
-}
 
 /// The last step of a tick, and the last search for contacts. Model units.
 #[derive(Default)]
@@ -59,6 +52,15 @@ impl LastStep {
 }
 
 impl ToolProxy {
+    /// Upper bound of what a tick must be able to spend on a step, node pairs: the search for
+    /// contacts may take several ticks, the sweep goes through all pairs in one.
+    pub(super) fn least_cost_of_step(&self) -> u32 {
+        let contacts = self.contacts.all().len() as u32 + 1;
+        let search = self.near.vertex_count() / PLACED + PASSED + LOOK;
+        let reuse = PART + PROJECTED * contacts;
+        self.near.vertex_count() / PLACED + search.max(reuse) + least_cost(&self.near)
+    }
+
     /// The contacts of a step, as [`ToolProxy::look`] returns them: those that are known where they
     /// suffice.
     pub(super) fn find_contacts(

@@ -1,6 +1,6 @@
 //! The steps of a tick: project, sweep, repeat until no motion remains or the budget is spent.
 
-use super::look::{LastStep, least_cost_of_step};
+use super::look::LastStep;
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::neighbourhood::Updated;
@@ -381,7 +381,7 @@ impl ToolProxy {
         }
         answer.ending = Ending::OutOfBudget { unvisited: 1 };
         self.has_unfinished_step = true;
-        if least_cost_of_step(&self.near) > budget {
+        if self.least_cost_of_step() > budget {
             self.invalidate();
         }
     }
