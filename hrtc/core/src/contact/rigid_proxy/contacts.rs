@@ -92,7 +92,7 @@ pub struct Contacts {
     /// The placement.
     at: Placement,
     dropped: u32,
-    /// The last one.
+    /// The last search for contacts.
     search: Option<Search>,
     high_water: usize,
 }
@@ -103,6 +103,7 @@ pub(super) struct Search {
     /// The placement of the tool and the pairs that it is for.
     at: Placement,
     pairs: u64,
+    /// Distance below which it looks for contacts, model units.
     pub(super) limit: f64,
     /// Where the budget interrupted it: the first pair that was not looked at.
     pub(super) next: Option<usize>,

@@ -137,6 +137,7 @@ mod tests {
     fn the_length_has_a_least() {
         let mut look_ahead = LookAhead::new(1.0);
         (0..100).for_each(|_| look_ahead.shorten());
+        assert!(look_ahead.is_shortest());
         assert_eq!(look_ahead.length(), SHORTEST);
     }
 }
