@@ -52,8 +52,8 @@ impl LastStep {
 }
 
 impl ToolProxy {
-    /// Upper bound of what a tick must be able to spend on a step, node pairs: the search for
-    /// contacts may take several ticks, the sweep goes through all pairs in one.
+    /// The budget, in node pairs, with which a step comes to its end over some ticks: the search
+    /// for contacts may take several, the sweep goes through all pairs in one.
     pub(super) fn least_cost_of_step(&self) -> u32 {
         let contacts = self.contacts.all().len() as u32 + 1;
         let search = self.near.vertex_count() / PLACED + PASSED + LOOK;
@@ -148,7 +148,7 @@ impl ToolProxy {
             // A search that the last tick began goes on as far as that was to go.
             let search = self.contacts.search_of(&self.near, &self.at);
             let unfinished = search.filter(|search| search.next.is_some());
-            let most = unfinished.map_or(most, |search| most.min(search.limit - offset));
+            let most = unfinished.map_or(most, |search| most.min(search.limit - offset).max(0.0));
             let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
             let there = self.at.moved(&likely.times(within));
             self.near.place_ends(&self.shape, &there);
