@@ -24,6 +24,15 @@ impl Imperceptible {
     };
 }
 
+/// A tick that ends before the tool has come as near to the device as contacts allow: where the
+/// proxy is, and where it would come to by the contacts that are known, without the limits of a
+/// tick.
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
+pub(super) struct Estimate {
+    pub(super) proxy: Placement,
+    pub(super) target: Placement,
+}
+
 impl ToolProxy {
     /// The placement that the known contacts allow, without the limits of a tick. If no step found
     /// contacts, its own become the answer's.
@@ -38,7 +47,7 @@ impl ToolProxy {
             answer.contacts = allowed.contacts;
             answer.contact_count = allowed.contact_count;
         }
-        let estimate = if allowed.contact_count == 0 {
+        let target = if allowed.contact_count == 0 {
             self.goal
         } else {
             // Unknown contacts may stop the proxy earlier: the target moves no farther than the
@@ -46,8 +55,11 @@ impl ToolProxy {
             let share = self.device_travel / path.farthest(self.shape.radius);
             self.at.moved(&path.times(share.min(1.0)))
         };
-        self.estimate = Some(estimate);
-        estimate
+        self.estimate = Some(Estimate {
+            proxy: self.at,
+            target,
+        });
+        target
     }
 
     /// Limits how much the coupling's deflection changes in a tick in which the device made a

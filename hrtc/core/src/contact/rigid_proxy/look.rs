@@ -5,7 +5,7 @@ use super::projection::{HalfSpace, project};
 use super::steps::TickSteps;
 use super::sweep::{PART, least_cost};
 use super::{ToolAdvance, ToolProxy};
-use crate::contact::motion::Twist;
+use crate::contact::motion::{Placement, Twist};
 use geometry::closest_points_of_triangles;
 use glam::DVec3;
 
@@ -214,13 +214,16 @@ impl ToolProxy {
         }
     }
 
-    /// Whether the estimate of the last tick, if there was one, is behind a contact.
+    /// Whether the estimate of the last tick, if there was one, leads from the proxy through a
+    /// contact. Where the proxy itself was behind its plane it has come around a ridge since.
     fn is_late(&self, contact: &ToolContact, offset: f64) -> bool {
-        self.assumed.is_some_and(|assumed| {
-            let turn = assumed.rotation() * self.contacts.at().rotation().transpose();
-            let tool = assumed.centre + turn * contact.arm;
+        let back = self.contacts.at().rotation().transpose();
+        let is_behind = |at: &Placement| {
+            let tool = at.centre + at.rotation() * (back * contact.arm);
             contact.normal.dot(tool - contact.point) < -offset
-        })
+        };
+        self.assumed
+            .is_some_and(|of| is_behind(&of.target) && !is_behind(&of.proxy))
     }
 
     /// The motion closest to the wanted one that the contacts allow. The active contacts go into

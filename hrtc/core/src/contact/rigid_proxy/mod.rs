@@ -57,6 +57,7 @@ use crate::contact::query::{Limit, Surface};
 use crate::contact::tool::Tool;
 use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
+use coupling_target::Estimate;
 use depenetration::EscapesTried;
 use geometry::{BoxPair, Pose, Wrench};
 use glam::DVec3;
@@ -135,10 +136,10 @@ pub struct ToolProxy {
     coupling_target: Placement,
     /// Deflection of the coupling with the device of this tick and the target of the last.
     deflection: Twist,
-    /// The target that this tick estimates, if it ends early, without any limit.
-    estimate: Option<Placement>,
+    /// What this tick estimates, if it ends early.
+    estimate: Option<Estimate>,
     /// That of the last tick.
-    assumed: Option<Placement>,
+    assumed: Option<Estimate>,
     /// What a hand cannot perceive of the coupling.
     imperceptible: Imperceptible,
     /// How far ahead candidates are collected.
