@@ -425,6 +425,12 @@ impl EnergyAccount {
         self.translation.last()
     }
 
+    /// Step of the device's encoder, metres; 0 for none.
+    #[must_use]
+    pub fn encoder_m(&self) -> f64 {
+        self.translation.step()
+    }
+
     /// Energy put out so far that surfaces gave by moving, joules.
     #[must_use]
     pub fn given_j(&self) -> f64 {

@@ -8,7 +8,7 @@ use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::query::Ending;
-use hrtc_core::contact::rigid_proxy::{ToolAdvance, ToolProxy};
+use hrtc_core::contact::rigid_proxy::{Imperceptible, StepSettings, ToolAdvance, ToolProxy};
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use simulator::Random;
 use std::f64::consts::FRAC_PI_2;
@@ -107,6 +107,39 @@ fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
                 "{label}"
             );
             assert!(!answer.contacts().is_empty(), "{label}");
+        }
+    }
+}
+
+/// Contacts act as near as the device knows its place, within a range that goes by the tool.
+#[test]
+fn contacts_act_as_near_as_the_device_knows_its_place() {
+    for size in [1e-3, 1.0, 1e3] {
+        let plate = Front::of_mesh(&scaled(&plate_mesh(4.0, 3), size));
+        let tool = scaled(&box_mesh(DVec3::splat(0.2)), size);
+        let gyration = proxy(&tool).gyration();
+        let [least, most] = StepSettings::PRODUCT.contact_offset.map(|of| of * gyration);
+        for (place, expected) in [
+            (0.0, least),
+            (3.0 * least, 3.0 * least),
+            (1e9 * least, most),
+        ] {
+            let mut proxy = proxy(&tool);
+            proxy.set_imperceptible(Imperceptible {
+                step: 0.0,
+                place,
+                period_s: 1e-3,
+            });
+            let offset = proxy.contact_offset();
+            assert!(
+                (offset - expected).abs() < 1e-12 * expected,
+                "{offset} {expected}"
+            );
+            let at = |height: f64| Pose::at(DVec3::Z * (size * (0.2 + height)));
+            tick(&mut proxy, &plate, &at(0.1));
+            move_to(&mut proxy, &plate, &at(0.1), &at(-0.05), 20);
+            let height = proxy.pose().position.z - 0.2 * size;
+            assert!((height - offset).abs() < 1e-3 * offset, "{height} {offset}");
         }
     }
 }

@@ -37,8 +37,8 @@ const RATES_HZ: [f64; 4] = [500.0, 1000.0, 2000.0, 4000.0];
 const TOOL_FACES: [u32; 3] = [60, 240, 960];
 /// Steps of a tool in a tick.
 const ITERATIONS: [u32; 4] = [1, 2, 4, StepSettings::PRODUCT.max_steps];
-/// Contact offsets, in the product's.
-const OFFSETS: [f64; 4] = [0.1, 1.0, 10.0, 100.0];
+/// Contact offsets, as fractions of the radius of gyration.
+const OFFSETS: [f64; 4] = [1e-5, 1e-4, 1e-3, 1e-2];
 /// What is predicted from.
 const PREDICTORS: [(&str, Sources); 4] = [
     ("where the probe is", of(false, None, false)),
@@ -413,10 +413,9 @@ fn tools(model: &SceneModel) -> Result<Vec<Family>, Failure> {
         let label = format!("at most {max_steps} a tick");
         stepped((Knob::Iterations, f64::from(max_steps)), label, steps)
     });
-    let offsets = OFFSETS.map(|times| {
-        let contact_offset = times * StepSettings::PRODUCT.contact_offset;
+    let offsets = OFFSETS.map(|contact_offset| {
         let steps = StepSettings {
-            contact_offset,
+            contact_offset: [contact_offset; 2],
             ..StepSettings::PRODUCT
         };
         let label = format!("{contact_offset:.0e} of the gyration");

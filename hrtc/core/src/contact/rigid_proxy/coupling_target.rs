@@ -7,19 +7,23 @@ use crate::contact::motion::{Placement, Twist};
 use crate::perception::{OF_PROXY, STEP_SHARE_PER_S};
 use mutants::{Mutant, is};
 
-/// What a hand cannot perceive of the coupling in a period.
+/// What a hand cannot perceive of the coupling, or the device cannot tell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Imperceptible {
-    /// Change of its deflection, model units.
+    /// Change of its deflection in a period, model units.
     pub step: f64,
+    /// Distance within which the device does not know its place: half a step of its encoder, model
+    /// units.
+    pub place: f64,
     /// Period of the loop, seconds.
     pub period_s: f64,
 }
 
 impl Imperceptible {
-    /// Everything is perceived, at 1 kHz.
+    /// Everything is perceived and known, at 1 kHz.
     pub(super) const NOTHING: Self = Self {
         step: 0.0,
+        place: 0.0,
         period_s: 1e-3,
     };
 }

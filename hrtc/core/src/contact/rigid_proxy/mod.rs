@@ -291,9 +291,14 @@ impl ToolProxy {
         self.static_offset().max(self.moving_offset)
     }
 
-    /// Contact offset on a surface that does not move.
+    /// Contact offset on a surface that does not move: as near as the device knows its place, if
+    /// that is not too near or too far for the tool.
     fn static_offset(&self) -> f64 {
-        self.settings.contact_offset * self.shape.gyration
+        let [least, most] = self
+            .settings
+            .contact_offset
+            .map(|of| of * self.shape.gyration);
+        self.imperceptible.place.clamp(least, most)
     }
 
     /// Number of invalid poses so far.

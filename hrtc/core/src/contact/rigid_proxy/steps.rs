@@ -46,8 +46,9 @@ pub(super) const MAX_STOPS: usize = 12;
 pub struct StepSettings {
     /// Steps per tick, at least 1; the next tick makes the remaining motion, from a safe placement.
     pub max_steps: u32,
-    /// Contact offset, as a fraction of the radius of gyration, above 0.
-    pub contact_offset: f64,
+    /// Least and largest contact offset, as fractions of the radius of gyration, above 0. Between
+    /// them it is half a step of the encoder: the larger it is, the fewer steps end at an edge.
+    pub contact_offset: [f64; 2],
 }
 
 impl StepSettings {
@@ -56,7 +57,8 @@ impl StepSettings {
     /// (`rt-tests stability station-restart-tool-small-lossy --rate 500`).
     pub const PRODUCT: Self = Self {
         max_steps: 32,
-        contact_offset: 1e-4,
+        // Half a step of 10 um, for a tool with a radius of gyration of 5 to 50 mm.
+        contact_offset: [1e-4, 1e-3],
     };
 }
 

@@ -65,7 +65,7 @@ fn about(knob: Knob) -> &'static str {
             "Steps that a tool makes in a tick at most, each with an exact projection onto its contacts; fixed at the last one. It ends before when nothing moves or the tick's budget is spent. The next tick goes on from there. Beside the product's tool on the full mesh."
         }
         Knob::ContactOffset => {
-            "How far from the surface a tool's contacts act, as a share of its radius of gyration; fixed at the second one. Beside the product's tool on the full mesh."
+            "How far from the surface a tool's contacts act, as a share of its radius of gyration. The product takes half a step of the encoder, between the second one and the third. Beside the product's tool on the full mesh."
         }
         Knob::Precision => {
             "Bits of the numbers of a query, fixed at 64 (with boxes of 32, rounded outwards). The closest point on the full mesh is asked from where the ball was in each contact, each once and without any memory; the times are those of one query alone, the memory is that of mesh and tree."
