@@ -211,7 +211,7 @@ impl Contacts {
         let step_n = OF_PROXY * STEP_N_PER_S * self.period_s;
         let imperceptible = Imperceptible {
             step: step_n / stiffness / frame.metres_per_unit,
-            place: 0.5 * probe.energy.encoder_m() / frame.metres_per_unit,
+            quantization: 0.5 * probe.energy.encoder_m() / frame.metres_per_unit,
             period_s: self.period_s,
         };
         pair.proxy.set_imperceptible(imperceptible);

@@ -111,15 +111,16 @@ fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
     }
 }
 
-/// Contacts act as near as the device knows its place, within a range that goes by the tool.
+/// Contacts act at the quantization error of the device's position, within a range that goes by the
+/// tool.
 #[test]
-fn contacts_act_as_near_as_the_device_knows_its_place() {
+fn contacts_act_at_the_quantization_error_of_the_device() {
     for size in [1e-3, 1.0, 1e3] {
         let plate = Front::of_mesh(&scaled(&plate_mesh(4.0, 3), size));
         let tool = scaled(&box_mesh(DVec3::splat(0.2)), size);
         let gyration = proxy(&tool).gyration();
         let [least, most] = StepSettings::PRODUCT.contact_offset.map(|of| of * gyration);
-        for (place, expected) in [
+        for (quantization, expected) in [
             (0.0, least),
             (3.0 * least, 3.0 * least),
             (1e9 * least, most),
@@ -127,7 +128,7 @@ fn contacts_act_as_near_as_the_device_knows_its_place() {
             let mut proxy = proxy(&tool);
             proxy.set_imperceptible(Imperceptible {
                 step: 0.0,
-                place,
+                quantization,
                 period_s: 1e-3,
             });
             let offset = proxy.contact_offset();

@@ -12,9 +12,9 @@ use mutants::{Mutant, is};
 pub struct Imperceptible {
     /// Change of its deflection in a period, model units.
     pub step: f64,
-    /// Distance within which the device does not know its place: half a step of its encoder, model
+    /// Largest quantization error of the device's position: half a step of its encoder, model
     /// units.
-    pub place: f64,
+    pub quantization: f64,
     /// Period of the loop, seconds.
     pub period_s: f64,
 }
@@ -23,7 +23,7 @@ impl Imperceptible {
     /// Everything is perceived and known, at 1 kHz.
     pub(super) const NOTHING: Self = Self {
         step: 0.0,
-        place: 0.0,
+        quantization: 0.0,
         period_s: 1e-3,
     };
 }

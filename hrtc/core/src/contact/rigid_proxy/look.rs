@@ -214,16 +214,18 @@ impl ToolProxy {
         }
     }
 
-    /// Whether the estimate of the last tick, if there was one, leads from the proxy through a
-    /// contact. Where the proxy itself was behind its plane it has come around a ridge since.
+    /// Whether the way from the proxy to the estimate of the last tick, if there was one, led
+    /// through a contact. If the proxy was behind the contact's plane then, too, it has come around
+    /// a ridge since.
     fn is_late(&self, contact: &ToolContact, offset: f64) -> bool {
-        let back = self.contacts.at().rotation().transpose();
-        let is_behind = |at: &Placement| {
-            let tool = at.centre + at.rotation() * (back * contact.arm);
-            contact.normal.dot(tool - contact.point) < -offset
-        };
-        self.assumed
-            .is_some_and(|of| is_behind(&of.target) && !is_behind(&of.proxy))
+        self.assumed.is_some_and(|of| {
+            let arm = self.contacts.at().rotation().transpose() * contact.arm;
+            let is_behind = |at: &Placement| {
+                let tool = at.centre + at.rotation() * arm;
+                contact.normal.dot(tool - contact.point) < -offset
+            };
+            is_behind(&of.target) && !is_behind(&of.proxy)
+        })
     }
 
     /// The motion closest to the wanted one that the contacts allow. The active contacts go into

@@ -291,14 +291,13 @@ impl ToolProxy {
         self.static_offset().max(self.moving_offset)
     }
 
-    /// Contact offset on a surface that does not move: as near as the device knows its place, if
-    /// that is not too near or too far for the tool.
+    /// Contact offset on a surface that does not move: the quantization error of the device's
+    /// position, if that is neither too small nor too large for the tool.
     fn static_offset(&self) -> f64 {
-        let [least, most] = self
-            .settings
-            .contact_offset
-            .map(|of| of * self.shape.gyration);
-        self.imperceptible.place.clamp(least, most)
+        let gyration = self.shape.gyration;
+        let [least, most] = self.settings.contact_offset.map(|of| of * gyration);
+        // Not `clamp`, which has a panic.
+        self.imperceptible.quantization.max(least).min(most)
     }
 
     /// Number of invalid poses so far.
@@ -382,7 +381,8 @@ impl ToolProxy {
         }
     }
 
-    /// Sets what a hand cannot perceive of the coupling; nothing before the first call.
+    /// Sets what a hand cannot perceive of the coupling, or the device cannot tell; nothing before
+    /// the first call.
     pub fn set_imperceptible(&mut self, imperceptible: Imperceptible) {
         self.imperceptible = imperceptible;
     }
