@@ -243,6 +243,26 @@ fn a_link_that_died_is_noticed_and_can_be_stopped() {
     served.stop();
 }
 
+/// Its topic is opened once, not instead of the others'.
+#[test]
+fn who_asks_for_a_file_and_does_not_listen_keeps_no_one_waiting() {
+    let (domain, bytes) = (domain("unheard"), torus());
+    let served = Served::start(&domain, 79, bytes);
+    let mut asks = Tick::start(&domain);
+    asks.wait_for_station(79);
+    for nobody in 1000..1003 {
+        asks.request(RequestKind::File, |request| request.client = nobody);
+    }
+    until("the questions", || asks.requests.slots() == 64);
+    let mut newcomer = Tick::start_as(CLIENT + 1, &domain);
+    newcomer.wait_for_station(79);
+    newcomer.request(RequestKind::Model, |_| {});
+    assert!(!newcomer.answer().is_empty());
+    assert!(newcomer.link.stop().is_some());
+    assert!(asks.link.stop().is_some());
+    served.stop();
+}
+
 #[test]
 fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
     let plain = cross(Encoding::Plain);

@@ -382,10 +382,17 @@ impl<D: AsRef<[u8]>> Connection<D> {
         }
     }
 
-    /// Sends a few chunks of files to each client that waits for some.
+    /// Sends a few chunks of files to each client that waits for some. Who does not listen for
+    /// [`FILES_ASKED`] is not waited for: it asks again.
     fn send_files(&mut self, now: Instant, may_open: &mut bool) {
-        self.asked_for_files
-            .retain(|_, &mut since| now.duration_since(since) < FILES_ASKED);
+        let files = &mut self.files;
+        self.asked_for_files.retain(|&client, &mut since| {
+            let is_awaited = now.duration_since(since) < FILES_ASKED;
+            if !is_awaited {
+                files.forget(client);
+            }
+            is_awaited
+        });
         let waiting: Vec<u64> = self.files.clients().collect();
         for client in waiting {
             let is_known = self.asked_for_files.contains_key(&client);
@@ -394,7 +401,12 @@ impl<D: AsRef<[u8]>> Connection<D> {
             }
             match self.ports.open_records(client, may_open) {
                 Ok(true) if self.ports.is_heard(client) => {}
-                Ok(_) => continue,
+                Ok(true) => {
+                    // Its topic stays open, so that it is opened once.
+                    self.asked_for_files.entry(client).or_insert(now);
+                    continue;
+                }
+                Ok(false) => continue,
                 Err(error) => {
                     self.warn_once(error.to_string());
                     continue;

@@ -110,6 +110,11 @@ impl FileServer {
         });
     }
 
+    /// Drops what a client asked for.
+    pub fn forget(&mut self, client: u64) {
+        self.waiting.remove(&client);
+    }
+
     /// The next chunk for a client; `None` when all is sent.
     pub fn poll(&mut self, client: u64) -> Option<Chunk> {
         let questions = self.waiting.get_mut(&client)?;
