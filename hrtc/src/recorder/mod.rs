@@ -80,6 +80,12 @@ pub enum RecordingError {
     /// A message cannot be encoded or read.
     #[error("a message of the recording cannot be used: {0}")]
     Message(#[from] postcard::Error),
+    /// The files of the scene, which each file of the recording begins with, leave no room for
+    /// ticks; what to keep at the least, MiB.
+    #[error(
+        "the scene's own files leave no room for ticks in a file of the recording; write keep = \"{0}MiB\" or more into [record] of the scene, or give --record off"
+    )]
+    Room(u64),
     /// The container cannot be encoded.
     #[error("the recording cannot be encoded: {0}")]
     Container(#[from] mcap::McapError),

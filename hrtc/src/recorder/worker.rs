@@ -96,7 +96,8 @@ impl Worker {
     /// A worker with the first file started.
     ///
     /// # Errors
-    /// When the scene's files are not enough for a replay, or the file cannot be created.
+    /// When the scene's files are not enough for a replay, or too large for a file, or that cannot
+    /// be created.
     pub(super) fn new(
         sources: Sources,
         head: RecordingHead,
@@ -104,6 +105,12 @@ impl Worker {
         place: RecordingPlace,
         progress: Arc<Progress>,
     ) -> Result<Self, RecordingError> {
+        // Each file begins with them.
+        let kept: usize = files.contents.values().map(|content| content.len()).sum();
+        if 2 * kept as u64 > place.file_bytes() {
+            let needed = RecordingPlace::keep_for(2 * kept as u64) >> 20;
+            return Err(RecordingError::Room(needed));
+        }
         let controller = head.controller(&files)?;
         let probes = controller.probes();
         Ok(Self {

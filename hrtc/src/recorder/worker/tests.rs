@@ -81,6 +81,30 @@ fn finish(worker: Worker) -> (Vec<PathBuf>, Vec<Replay>) {
     (files, found)
 }
 
+/// Each file of the recording begins with the scene's.
+#[test]
+fn files_of_a_scene_that_leave_no_room_for_ticks_are_refused_with_what_they_need() {
+    let folder = tempfile::tempdir().unwrap();
+    let (head, mut files) = head(folder.path());
+    let start = |files: &KeptFiles, keep_bytes: u64| {
+        let place = RecordingPlace {
+            first: folder.path().join("run.mcap"),
+            keep_bytes,
+            owns_folder: false,
+        };
+        let (_, _, ends) = sources();
+        Worker::new(ends, head.clone(), files.clone(), place, Arc::default()).map(|_| ())
+    };
+    assert!(start(&files, 16 << 20).is_ok());
+    let height_map = folder.path().join("large.png");
+    files.contents.insert(height_map, vec![0; 5 << 20].into());
+    let Err(RecordingError::Room(needed)) = start(&files, 16 << 20) else {
+        panic!("it begins");
+    };
+    assert!(start(&files, (needed - 2) << 20).is_err());
+    assert!(start(&files, needed << 20).is_ok());
+}
+
 #[test]
 fn a_late_recorder_loses_keyframes_before_ticks_and_the_black_box_replays() {
     let folder = tempfile::tempdir().unwrap();
