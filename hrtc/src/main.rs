@@ -6,7 +6,7 @@ use clap::{Args, Parser, Subcommand};
 use hrtc::devices::DeviceRegistry;
 use hrtc::run::{Output, RunArgs, StopFlags, run_until};
 use hrtc::setup::ForceLimits;
-use hrtc::tuning::SIGNALS_STACK_BYTES;
+use hrtc::tuning::{RUN_SECONDS, SIGNALS_STACK_BYTES};
 use scene_args::OverrideArgs;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -52,10 +52,10 @@ struct RunOptions {
     #[arg(required_unless_present = "station")]
     scene: Option<PathBuf>,
     /// Length of the run, seconds; until Ctrl-C when absent
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = seconds)]
     seconds: Option<f64>,
     /// Length of the tour, after which the simulated hand rests; that of the run when absent
-    #[arg(long, value_name = "S", value_parser = above_zero)]
+    #[arg(long, value_name = "S", value_parser = seconds)]
     tour_seconds: Option<f64>,
     /// iceoryx2 domain of the station; with --station, of this machine alone
     #[arg(long, value_name = "NAME", default_value = "hrtc")]
@@ -98,6 +98,14 @@ fn above_zero(text: &str) -> Result<f64, String> {
     let number = text.parse().ok();
     let above = number.filter(|number: &f64| *number > 0.0 && number.is_finite());
     above.ok_or_else(|| "write a number above 0".to_owned())
+}
+
+/// The length of a run.
+fn seconds(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    let allowed = number.filter(|number| RUN_SECONDS.contains(number));
+    let [least, most] = [RUN_SECONDS.start(), RUN_SECONDS.end()];
+    allowed.ok_or_else(|| format!("write a number from {least} to {most}"))
 }
 
 fn main() -> ExitCode {

@@ -42,6 +42,8 @@ pub const DRAIN_PERIOD: Duration = Duration::from_millis(10);
 pub const STATUS_PERIOD_NS: u64 = 200_000_000;
 /// Silence after which a missing station is reported, ns: three times its usual start.
 pub const STATION_ABSENT_NS: u64 = 1_500_000_000;
+/// Shortest and longest run, seconds: a hundred ticks of 1 kHz, and the longest tour.
+pub const RUN_SECONDS: std::ops::RangeInclusive<f64> = 0.1..=protocol::LONGEST_TOUR_S;
 /// Length of a tour when the run has no end of its own, seconds.
 pub const TOUR_SECONDS: f64 = 600.0;
 

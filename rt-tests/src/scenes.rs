@@ -1,6 +1,7 @@
 //! The scene of a command: its file, what the command line changes in it, and its models.
 
 use crate::failure::Failure;
+use hrtc::tuning::RUN_SECONDS;
 use scene::ScenePlan;
 use spm_builder::TerminalProgress;
 use std::path::{Path, PathBuf};
@@ -9,9 +10,6 @@ use ve_station::database::Database;
 
 /// The scene of commands that were given none.
 pub const BUNDLED_SCENE: &str = include_str!("../../config/scenes/first-touch.toml");
-/// Shortest and longest run, seconds: long enough for a hundred ticks, and a day.
-const MIN_SECONDS: f64 = 0.1;
-const MAX_SECONDS: f64 = 86_400.0;
 
 /// A scene file: a named one, or the bundled one in a temporary folder that lives as long as this.
 #[derive(Debug)]
@@ -60,13 +58,14 @@ impl SceneFile {
 /// Checks a length of time from the command line.
 ///
 /// # Errors
-/// One sentence when it is not between 0.1 s and a day.
+/// One sentence when no run may be so long.
 pub fn check_seconds(seconds: f64) -> Result<(), Failure> {
-    if (MIN_SECONDS..=MAX_SECONDS).contains(&seconds) {
+    if RUN_SECONDS.contains(&seconds) {
         return Ok(());
     }
+    let [least, most] = [RUN_SECONDS.start(), RUN_SECONDS.end()];
     Err(Failure::Input(format!(
-        "--seconds is {seconds}; write a number from {MIN_SECONDS} to {MAX_SECONDS}"
+        "--seconds is {seconds}; write a number from {least} to {most}"
     )))
 }
 

@@ -72,6 +72,10 @@ fn bad_input_is_one_sentence_with_status_2_and_leaves_nothing() {
     jitter.args(["--seconds", "-3", "--out"]).arg(&out);
     let sentence = refusal(&jitter.output().unwrap());
     assert!(sentence.contains("--seconds"), "{sentence}");
+    for arguments in [["--only", "zzz"], ["--seconds", "nan"]] {
+        let sentence = refusal(&rt_tests("deadline").args(arguments).output().unwrap());
+        assert!(sentence.contains(arguments[0]), "{sentence}");
+    }
 }
 
 #[test]
@@ -111,6 +115,7 @@ const FIELDS: &str = "
     faces seconds seed ticks missed missed_own_cpu contact_ticks contact_full_ticks
     contact_unbounded_ticks refined_faces.p50 refined_faces.max force_step_n_max
     clamped_ticks rejected_samples unfinished_ticks early_ticks late_contacts stuck_ticks energy_j
+    contact_offset_m
     vsps_received vsplits geomorph_ticks deferred ecols regions_subscribed resubscribed
     bytes_received bytes_to_first_touch bytes_full_mesh cache.bytes cache.high_water_bytes cache.vsps
     cache.evicted hrtc_rss_bytes first_heard_ms first_force_ready_ms first_touch_ms first_full_ms
@@ -311,6 +316,9 @@ fn a_run_with_a_mesh_tool_and_a_height_map_replays_without_their_files() {
     assert!(number(&result, "contact_ticks") > 100.0, "{result}");
     // A tool's device renders six degrees of freedom.
     assert!(number(&result, "torque_nm_max") > 0.0, "{result}");
+    // Half a step of 10 um.
+    let offset = number(&result, "contact_offset_m");
+    assert!((offset / 5e-6 - 1.0).abs() < 1e-9, "{offset}");
     drop(beside);
     let (output, found) = replay(&file);
     assert!(output.status.success(), "{}", said(&output));

@@ -87,7 +87,8 @@ pub use files::{FILE_CHUNK_BYTES, FileAsk, FileChunk, FileHash, NoFileHash, file
 pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
-    ContactReport, Encoding, MAX_CLIENTS, MAX_CREDIT_CHUNKS, MAX_SESSIONS, MODEL_HEADER_SLOTS,
-    MeasuredError, QUARTERED_PER_CHUNK, REGIONS_PER_REQUEST, Refusal, RegionAction, RegionAsk,
-    Request, RequestKind, RequestWord, TourAsk, TourPoint, quartered_faces, quartered_faces_mut,
+    ContactReport, Encoding, LONGEST_TOUR_S, MAX_CLIENTS, MAX_CREDIT_CHUNKS, MAX_SESSIONS,
+    MODEL_HEADER_SLOTS, MeasuredError, QUARTERED_PER_CHUNK, REGIONS_PER_REQUEST, Refusal,
+    RegionAction, RegionAsk, Request, RequestKind, RequestWord, TOUR_PERIOD_S, TourAsk, TourPoint,
+    quartered_faces, quartered_faces_mut, tour_points,
 };

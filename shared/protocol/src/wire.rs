@@ -230,6 +230,17 @@ pub struct MeasuredError {
     pub reserved: [u64; 2],
 }
 
+/// Time between two points of a tour, seconds.
+pub const TOUR_PERIOD_S: f64 = 0.005;
+/// The longest tour, seconds: a day.
+pub const LONGEST_TOUR_S: f64 = 86_400.0;
+
+/// How many points a tour of so many seconds has; one that is longer than the longest is refused.
+#[must_use]
+pub fn tour_points(seconds: f64) -> u64 {
+    (seconds / TOUR_PERIOD_S).ceil() as u64 + 1
+}
+
 /// One point of a scripted path, 64 bytes.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, serde::Serialize, serde::Deserialize)]

@@ -18,13 +18,12 @@ mod roll;
 mod touch;
 
 use crate::tuning::tour::{
-    FASTEST_SIDES_PER_S, HOVER_SIDES, LONGEST_S, MAX_DAMAGED, MAX_MOVED_RADII, MIN_BALL_SIDES,
-    PERIOD_S,
+    FASTEST_SIDES_PER_S, HOVER_SIDES, MAX_DAMAGED, MAX_MOVED_RADII, MIN_BALL_SIDES,
 };
 use geometry::Pose;
 use glam::{DQuat, DVec3};
 use path::{Leg, Resampler, Sample};
-use protocol::{Refusal, TourAsk, TourPoint};
+use protocol::{LONGEST_TOUR_S, Refusal, TOUR_PERIOD_S, TourAsk, TourPoint, tour_points};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
 use roll::{Ball, Slide};
@@ -162,7 +161,7 @@ impl Tour {
             ..
         } = ask;
         let good = seconds > 0.0
-            && seconds <= LONGEST_S
+            && seconds <= LONGEST_TOUR_S
             && speed.is_normal()
             && speed > 0.0
             && speed <= FASTEST_SIDES_PER_S * size
@@ -179,7 +178,7 @@ impl Tour {
             space: Space {
                 ball: Ball {
                     radius: ball_radius,
-                    step: (speed * PERIOD_S).min(MAX_MOVED_RADII * ball_radius),
+                    step: (speed * TOUR_PERIOD_S).min(MAX_MOVED_RADII * ball_radius),
                     lower,
                     upper,
                 },
@@ -188,12 +187,12 @@ impl Tour {
                 outside: 0.51 * diagonal + 2.0 * ball_radius,
                 hover: HOVER_SIDES * size,
             },
-            resampler: Resampler::new(speed * PERIOD_S),
+            resampler: Resampler::new(speed * TOUR_PERIOD_S),
             making: None,
             damaged: 0,
             last: None,
             given: 0,
-            total: (seconds / PERIOD_S).ceil() as u64 + 1,
+            total: tour_points(seconds),
             before: DVec3::ZERO,
             turn: DQuat::IDENTITY,
         })
@@ -246,10 +245,10 @@ impl Tour {
 
     /// The point at a place of the path.
     fn give<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>, sample: Sample) -> TourPoint {
-        let full = self.given as f64 * PERIOD_S;
+        let full = self.given as f64 * TOUR_PERIOD_S;
         let t = full.min(self.ask.seconds);
         // The last period may be cut short: so is its way.
-        let share = (1.0 - (full - t) / PERIOD_S).clamp(0.0, 1.0);
+        let share = (1.0 - (full - t) / TOUR_PERIOD_S).clamp(0.0, 1.0);
         let position = if self.given == 0 {
             sample.position
         } else {
@@ -276,7 +275,7 @@ impl Tour {
     /// The most that the ball need roll for the points that are left: their way, and half as much
     /// for a slide whose intent, inside of a bend, gets less far than the ball.
     fn remaining_length(&self) -> f64 {
-        1.5 * (self.total - self.given) as f64 * PERIOD_S * self.ask.speed
+        1.5 * (self.total - self.given) as f64 * TOUR_PERIOD_S * self.ask.speed
     }
 
     /// Takes the touch in the making a step further. An error gives it up.

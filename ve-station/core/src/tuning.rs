@@ -3,10 +3,6 @@
 
 /// Tours over a model.
 pub mod tour {
-    /// Seconds between two points.
-    pub const PERIOD_S: f64 = 0.005;
-    /// The longest tour, seconds.
-    pub const LONGEST_S: f64 = 86_400.0;
     /// Height above the surface for moves between touches, as a share of the longest side.
     pub const HOVER_SIDES: f64 = 0.12;
     /// The ball's radius at least, as a share of the longest side.

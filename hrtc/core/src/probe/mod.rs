@@ -16,7 +16,7 @@ use crate::tuning::probe::KEPT_UP;
 use geometry::{Pose, Wrench};
 use haptic_device::{MotionLimits, Sample};
 use plausibility::Plausibility;
-use protocol::{TourAsk, TourPoint};
+use protocol::{LONGEST_TOUR_S, TourAsk, TourPoint, tour_points};
 use scene::{ProbePlan, ScenePlan, TrajectoryPlan};
 
 /// The tour that a probe's hand is to be led along.
@@ -409,9 +409,13 @@ fn placement(pose: &Pose) -> Placement {
     }
 }
 
-/// Points that a tour of some seconds may have: four a tick of 200 Hz, with room to spare.
+/// Points that a tour of some seconds has.
 fn path_capacity(seconds: f64) -> usize {
-    (seconds * 400.0).clamp(0.0, 4e6) as usize + 1024
+    tour_points(if seconds > 0.0 {
+        seconds.min(LONGEST_TOUR_S)
+    } else {
+        0.0
+    }) as usize
 }
 
 #[cfg(test)]

@@ -17,7 +17,7 @@ use crate::processes::pair::{PairArgs, other_core, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_bar};
-use crate::scenes::prepare_models;
+use crate::scenes::{check_seconds, prepare_models};
 use clap::Args;
 use hrtc::result::{RunResult, ShortSpread, Spread};
 use scene::load;
@@ -160,6 +160,7 @@ impl Row {
 /// One sentence, with its status; status 1 when a row does not pass.
 pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
     scenes::check_slow(&args.slow)?;
+    check_seconds(args.seconds)?;
     let stop = stop_flag()?;
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;

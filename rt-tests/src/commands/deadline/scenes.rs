@@ -66,7 +66,7 @@ impl Scene {
 /// The scenes, written into a folder, and those that are left out.
 ///
 /// # Errors
-/// When a file cannot be written.
+/// When a file cannot be written, or no scene is left.
 pub fn scenes(args: &SceneArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String>), Failure> {
     let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
     let wanted = |name: &str| args.only.as_ref().is_none_or(|only| name.contains(only));
@@ -120,6 +120,12 @@ pub fn scenes(args: &SceneArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String
             let object = format!("model = {:?}", path.display().to_string());
             add(name, &stroked(&object, 0.1, 0.3), None)?;
         }
+    }
+    if scenes.is_empty() {
+        let only = args.only.as_deref().unwrap_or_default();
+        let mut why = left_out;
+        why.insert(0, format!("--only {only}: no scene is left"));
+        return Err(Failure::Input(why.join("; ")));
     }
     Ok((scenes, left_out))
 }

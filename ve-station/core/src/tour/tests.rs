@@ -95,7 +95,7 @@ fn a_tour_is_as_long_as_asked_and_no_faster() {
             assert_eq!(points.last().unwrap().t, seconds);
             for pair in points.windows(2) {
                 let time = pair[1].t - pair[0].t;
-                assert!(time > 0.0 && time <= PERIOD_S * 1.000_001);
+                assert!(time > 0.0 && time <= TOUR_PERIOD_S * 1.000_001);
                 let [a, b] = [0, 1].map(|k| DVec3::from_array(pair[k].position));
                 assert!(
                     a.distance(b) <= ask.speed * time * 1.000_001,
