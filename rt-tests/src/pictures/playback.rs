@@ -30,14 +30,25 @@ pub struct Playback {
 }
 
 impl Playback {
-    /// Opens a recording by its first file, with those that follow it.
+    /// Opens a recording by its first file, with those that follow it. Files of an earlier run may
+    /// lie beside them.
     ///
     /// # Errors
     /// When a file cannot be read, or there is no tick in them.
     pub fn open(first: &Path) -> Result<Self, Failure> {
         let mut playback: Option<Self> = None;
+        let mut run = None;
         for path in files_of(first) {
-            let reader = RecordingReader::open(&path).map_err(input)?;
+            let reader = match RecordingReader::open(&path) {
+                Err(error) if run.is_none() => return Err(input(error)),
+                // Of an earlier run by another build.
+                Err(RecordingError::NotARecording(_)) => continue,
+                other => other.map_err(input)?,
+            };
+            let incarnation = reader.head().setup.incarnation;
+            if *run.get_or_insert(incarnation) != incarnation {
+                continue;
+            }
             let plan = match playback {
                 Some(_) => None,
                 None => Some(reader.head().plan(reader.files()).map_err(input)?),

@@ -91,3 +91,20 @@ fn a_picture_and_a_film_are_drawn_and_times_beyond_the_recording_refused() {
     let nowhere = Playback::open(&folder.path().join("nowhere.mcap"));
     assert_eq!(nowhere.unwrap_err().status(), 2);
 }
+
+/// A longer run into the same folder leaves files with higher numbers behind.
+#[test]
+fn files_of_an_earlier_run_beside_are_not_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let (name, text) = SCENES[0];
+    let mut earlier = World::run(folder.path(), name, text, TICKS as usize);
+    earlier.head.setup.incarnation += 1;
+    let files = earlier.record(place(folder.path(), 6 << 20), None);
+    assert!(files.len() > 1, "{files:?}");
+    let another_build = folder.path().join("run-0099.mcap");
+    std::fs::write(another_build, "not a recording of this one").unwrap();
+    let world = World::run(folder.path(), name, text, 400);
+    assert_eq!(world.record(place(folder.path(), 1 << 30), None).len(), 1);
+    let playback = Playback::open(&folder.path().join("run.mcap")).unwrap();
+    assert_eq!(playback.ticks, [0, 399]);
+}
