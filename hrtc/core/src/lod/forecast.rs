@@ -32,6 +32,8 @@ struct Seen {
     face: Handle,
     /// Where its middle was, then and when its distance was measured.
     centre: DVec3,
+    /// When it was there, periods of the forecast.
+    at: u64,
     measured: DVec3,
     /// Lower bound of its distance from the full mesh; negative where they may have met.
     clearance: f64,
@@ -41,9 +43,27 @@ impl Seen {
     const NOTHING: Self = Self {
         face: NONE,
         centre: DVec3::ZERO,
+        at: 0,
         measured: DVec3::ZERO,
         clearance: 0.0,
     };
+
+    fn is_new(&self) -> bool {
+        self.face == NONE
+    }
+
+    /// Its middle is here after so many periods. Its velocity since the last time, model units a
+    /// tick.
+    fn go_to(&mut self, centre: DVec3, periods: u64) -> DVec3 {
+        let displacement = if self.is_new() {
+            DVec3::ZERO
+        } else {
+            centre - self.centre
+        };
+        let since = periods.saturating_sub(self.at).max(1);
+        (self.centre, self.at) = (centre, periods);
+        displacement / since as f64
+    }
 }
 
 /// See the module.
@@ -51,6 +71,8 @@ impl Seen {
 pub struct ContactForecast {
     seen: [Seen; MAX_BALLS],
     next: usize,
+    /// Periods so far, skipped ones too.
+    periods: u64,
     found: [Option<Near>; A_TICK],
     /// Ticks ahead at which the refined set looks.
     refine_ahead: f64,
@@ -62,6 +84,7 @@ impl ContactForecast {
         Self {
             seen: [Seen::NOTHING; MAX_BALLS],
             next: 0,
+            periods: 0,
             found: [None; A_TICK],
             refine_ahead,
         }
@@ -70,6 +93,11 @@ impl ContactForecast {
     /// Forgets what it saw.
     pub fn reset(&mut self) {
         *self = Self::new(self.refine_ahead);
+    }
+
+    /// Periods were skipped since the last look.
+    pub fn skip_periods(&mut self, periods: u64) {
+        self.periods = self.periods.saturating_add(periods);
     }
 
     /// What was found near in the last tick.
@@ -87,6 +115,7 @@ impl ContactForecast {
         budget: &mut QueryBudget,
     ) {
         self.found = [None; A_TICK];
+        self.periods = self.periods.saturating_add(1);
         let ProxyKind::Tool(_) = proxy else {
             return;
         };
@@ -97,19 +126,13 @@ impl ContactForecast {
                 continue;
             };
             let seen = &mut self.seen[k];
-            let is_new = seen.face == NONE;
-            let displacement = if is_new {
-                DVec3::ZERO
-            } else {
-                part.centre - seen.centre
-            };
-            seen.centre = part.centre;
-            let velocity = displacement * (A_TICK as f64 / MAX_BALLS as f64);
+            let velocity = seen.go_to(part.centre, self.periods);
             let reach = (RADII_AROUND - 1.0) * patch + velocity.length() * self.refine_ahead;
             if seen.clearance - part.centre.distance(seen.measured) > reach {
                 continue;
             }
-            let hint = Some(seen.face).filter(|&face| !is_new && surface.mesh.is_active(face));
+            let hint =
+                Some(seen.face).filter(|&face| !seen.is_new() && surface.mesh.is_active(face));
             let most = budget.for_look_ahead();
             if most == 0 {
                 continue;
@@ -127,6 +150,7 @@ impl ContactForecast {
             *seen = Seen {
                 face: nearest.face,
                 centre: part.centre,
+                at: self.periods,
                 measured: part.centre,
                 clearance,
             };
@@ -144,5 +168,28 @@ impl ContactForecast {
                 });
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stall of 300 periods, at 0.1 mm in a period.
+    #[test]
+    fn the_velocity_of_a_part_is_that_of_the_hand_after_a_stall() {
+        let step = DVec3::new(1e-4, 0.0, -5e-5);
+        let mut seen = Seen::NOTHING;
+        assert_eq!(seen.go_to(step * 8.0, 8), DVec3::ZERO);
+        seen.face = 0;
+        for periods in [16, 24, 332, 340] {
+            let velocity = seen.go_to(step * periods as f64, periods);
+            assert!(velocity.distance(step) < 1e-12, "{periods}: {velocity}");
+        }
+        let mut forecast = ContactForecast::new(8.0);
+        forecast.skip_periods(300);
+        assert_eq!(forecast.periods, 300);
+        forecast.reset();
+        assert_eq!(forecast.periods, 0);
     }
 }

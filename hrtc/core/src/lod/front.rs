@@ -331,6 +331,7 @@ impl Front {
     pub fn skip_periods(&mut self, periods: u64) {
         for approach in &mut self.approaches {
             approach.predictor.skip_periods(periods);
+            approach.forecast.skip_periods(periods);
         }
     }
 

@@ -14,8 +14,9 @@ pub struct Steps {
     changed: u64,
     /// Tick of the last want.
     wanted: Option<u64>,
-    /// Whether the last change was a step back.
+    /// Whether the last change was a step back, and that turned out to be too early.
     went_back: bool,
+    was_early: bool,
     /// Ticks without want after which it goes back a step.
     wait_ticks: u64,
 }
@@ -30,6 +31,7 @@ impl Steps {
             changed: 0,
             wanted: None,
             went_back: false,
+            was_early: false,
             wait_ticks: horizons.wait,
         }
     }
@@ -47,7 +49,10 @@ impl Steps {
         if self.count > 0 && !self.went_back && tick <= self.changed + self.horizons.settle {
             return false;
         }
-        if self.went_back && tick <= self.changed + self.horizons.early {
+        // Once for each step back: a want that is borne leaves it.
+        let is_early = self.went_back && tick <= self.changed + self.horizons.early;
+        if is_early && !self.was_early {
+            self.was_early = true;
             self.wait_ticks = (2 * self.wait_ticks).min(self.horizons.max_wait);
         }
         true
@@ -75,7 +80,7 @@ impl Steps {
         if self.count > 0 && tick > since + wait {
             self.count -= 1;
             self.changed = tick;
-            self.went_back = true;
+            (self.went_back, self.was_early) = (true, false);
         } else if self.count == 0 && tick > since + self.horizons.early {
             self.wait_ticks = self.horizons.wait;
         }
@@ -251,6 +256,29 @@ mod tests {
             }
         }
         assert_eq!(waits, vec![horizons.settle + 1; 4]);
+    }
+
+    /// A block that comes in time for the contact now and again is no reason to wait for ever.
+    #[test]
+    fn wants_that_are_borne_after_one_step_back_double_the_wait_once() {
+        let (mut economy, horizons) = kilohertz();
+        let mut tick = 0;
+        for _ in 0..STEPS_BEFORE_COARSER + 1 {
+            (0..horizons.misses).for_each(|_| economy.record_contact(false));
+            tick += horizons.settle + 1;
+            economy.starve(tick);
+        }
+        (0..horizons.misses).for_each(|_| economy.record_contact(true));
+        while economy.steps() > STEPS_BEFORE_COARSER {
+            tick += 1;
+            economy.recover(tick);
+        }
+        for _ in 0..4 {
+            tick += 1;
+            economy.starve(tick);
+        }
+        assert_eq!(economy.steps(), STEPS_BEFORE_COARSER);
+        assert_eq!(economy.steps.wait_ticks, 2 * horizons.wait);
     }
 
     #[test]

@@ -20,7 +20,7 @@ use spm::RegionId;
 
 /// Turns of a round: in each one source of the finest ring is looked at.
 pub const TURNS: usize = 10;
-/// Ticks after which every source of every ring was looked at.
+/// Looks, one in each tick of a millisecond, after which every source of every ring was looked at.
 pub const ALL_TURNS: u64 = {
     let coarser = RING_ROUND.len() * (MAX_RINGS - 1);
     if coarser > TURNS {
@@ -152,8 +152,8 @@ pub struct Predictor {
     turn: usize,
     /// Next source of the coarser rings.
     ring_turn: usize,
-    /// What lies ahead this turn, moved onto the front.
-    landed: Option<DVec3>,
+    /// What lies ahead in the coming turns, moved onto the front.
+    landed: [Option<DVec3>; TURNS],
 }
 
 impl Predictor {
@@ -179,7 +179,7 @@ impl Predictor {
             sources: Sources::ALL,
             turn: 0,
             ring_turn: 0,
-            landed: None,
+            landed: [None; TURNS],
         }
     }
 
@@ -193,7 +193,7 @@ impl Predictor {
         self.recent_speed = 0.0;
         self.turn = 0;
         self.ring_turn = 0;
-        self.landed = None;
+        self.landed = [None; TURNS];
     }
 
     /// Predicts from these sources from now on.
@@ -236,20 +236,28 @@ impl Predictor {
         self.mean_speed
     }
 
-    /// The point ahead that the next turn of the finest ring looks at, if it is one that may be
-    /// moved onto the front; what it is then is told with [`Predictor::project_onto_front`].
+    /// The points ahead that the next tick looks at in the finest ring, by turn, as far as they may
+    /// be moved onto the front; what they are then is told with
+    /// [`Predictor::project_onto_front`].
     #[must_use]
-    pub fn ahead(&self, position: DVec3) -> Option<DVec3> {
-        let (look, _) = ROUND[self.turn];
-        let is_ahead = matches!(look, Look::Ahead(..)) && self.motion().0 != DVec3::ZERO;
-        (self.sources.landing && is_ahead)
-            .then(|| self.extrapolated(position, look))
-            .flatten()
+    pub fn ahead(&self, position: DVec3) -> [Option<DVec3>; TURNS] {
+        let mut points = [None; TURNS];
+        if !self.sources.landing || self.motion().0 == DVec3::ZERO {
+            return points;
+        }
+        for look in 0..self.horizons.looks.min(TURNS) {
+            let turn = (self.turn + look) % TURNS;
+            let (look, _) = ROUND[turn];
+            if matches!(look, Look::Ahead(..)) {
+                points[turn] = self.extrapolated(position, look);
+            }
+        }
+        points
     }
 
-    /// What the point of [`Predictor::ahead`] is on the front.
-    pub fn project_onto_front(&mut self, point: Option<DVec3>) {
-        self.landed = point;
+    /// What the points of [`Predictor::ahead`] are on the front.
+    pub fn project_onto_front(&mut self, points: [Option<DVec3>; TURNS]) {
+        self.landed = points;
     }
 
     /// Where a look goes; `None` when its source is left out.
@@ -335,8 +343,8 @@ impl Predictor {
         let finest = lod.finest();
         let finest_ring = &lod.rings()[finest];
         let (look, refine) = ROUND[self.turn];
+        let landed = self.landed[self.turn].take();
         self.turn = (self.turn + 1) % TURNS;
-        let landed = self.landed.take();
         self.look([finest_ring; 2], look, refine, landed, motion, visit);
         let coarser = lod.rings().len() - finest - 1;
         if rings && coarser > 0 {
@@ -432,169 +440,4 @@ pub fn predict_forecast(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::lod::lod_controller::header;
-
-    fn lod() -> LodController {
-        LodController::new(&header(&[0.0, 0.01, 0.02]), 0.0, 1.0)
-    }
-
-    fn still(position: DVec3, clearance: f64) -> Motion {
-        Motion {
-            position,
-            radius: 0.01,
-            clearance,
-        }
-    }
-
-    /// Everything predicted over one round of turns, by region; true where it is to be refined.
-    fn round(
-        predictor: &mut Predictor,
-        rings: bool,
-        device: DVec3,
-        velocity: DVec3,
-        clearance: f64,
-    ) -> std::collections::BTreeMap<RegionKey, bool> {
-        let mut all = std::collections::BTreeMap::new();
-        for k in 0..TURNS {
-            let position = device + velocity * k as f64;
-            predictor.predict(&lod(), rings, position, still(position, clearance), |p| {
-                *all.entry(p.key).or_default() |= p.refine;
-            });
-        }
-        all
-    }
-
-    fn key(ring: usize, point: DVec3) -> RegionKey {
-        let lod = lod();
-        let ring = &lod.rings()[ring];
-        RegionKey::new(ring.grid.region_of_point(point), ring.tolerance)
-    }
-
-    #[test]
-    fn a_resting_contact_refines_its_cell_and_loads_its_neighbours() {
-        let centre = DVec3::splat(8.5 / 16.0);
-        let all = round(
-            &mut Predictor::new(&Horizons::new(1000.0)),
-            false,
-            centre,
-            DVec3::ZERO,
-            0.0,
-        );
-        assert_eq!(all.get(&key(0, centre)), Some(&true));
-        assert_eq!(all.len(), 27);
-        assert_eq!(all.values().filter(|&&refine| refine).count(), 1);
-    }
-
-    #[test]
-    fn every_ring_is_refined_at_the_contact() {
-        let centre = DVec3::splat(8.5 / 16.0);
-        let all = round(
-            &mut Predictor::new(&Horizons::new(1000.0)),
-            true,
-            centre,
-            DVec3::ZERO,
-            0.0,
-        );
-        for ring in 0..3 {
-            assert_eq!(all.get(&key(ring, centre)), Some(&true), "ring {ring}");
-        }
-        // The finest keeps its neighbours warm, a coarser ring needs none.
-        assert_eq!(all.len(), 27 + 2);
-    }
-
-    #[test]
-    fn motion_loads_what_lies_ahead_and_knows_when_it_is_due() {
-        let mut predictor = Predictor::new(&Horizons::new(1000.0));
-        let velocity = DVec3::new(1e-3, 0.0, 0.0);
-        let mut position = DVec3::splat(0.3);
-        for _ in 0..20 {
-            round(&mut predictor, true, position, velocity, 0.0);
-            position += velocity * TURNS as f64;
-        }
-        let all = round(&mut predictor, true, position, velocity, 0.0);
-        assert!(all.contains_key(&key(0, position + velocity * 60.0)));
-        assert!(!all.contains_key(&key(0, position - velocity * 200.0)));
-        let mut due = Vec::new();
-        for _ in 0..TURNS {
-            predictor.predict(&lod(), false, position, still(position, 0.0), |p| {
-                let grid = lod().rings()[0].grid;
-                due.push((grid.distance_squared(p.key.id, position).sqrt(), p.ticks));
-            });
-        }
-        assert!(
-            due.iter()
-                .all(|&(distance, ticks)| distance > 0.0 || ticks == 0.0)
-        );
-        assert!(due.iter().any(|&(_, ticks)| ticks > 5.0));
-    }
-
-    #[test]
-    fn what_lies_ahead_is_looked_for_where_it_lands() {
-        let mut predictor = Predictor::new(&Horizons::new(1000.0));
-        let velocity = DVec3::new(1e-3, 0.0, 1e-3);
-        let mut position = DVec3::splat(0.3);
-        let mut landed_at = DVec3::ZERO;
-        let mut met = false;
-        for _ in 0..60 {
-            if let Some(ahead) = predictor.ahead(position) {
-                landed_at = DVec3::new(ahead.x, ahead.y, 0.3);
-                predictor.project_onto_front(Some(landed_at));
-            }
-            predictor.predict(&lod(), false, position, still(position, 0.0), |p| {
-                met |= p.key == key(0, landed_at);
-            });
-            position += velocity;
-        }
-        assert!(landed_at.x > 0.36 && met);
-    }
-
-    #[test]
-    fn a_hand_that_stops_keeps_what_it_may_turn_to_loaded_as_far_as_the_link_is() {
-        let stopped = |lead: f64| {
-            let mut predictor = Predictor::new(&Horizons::new(1000.0));
-            predictor.set_lead(lead);
-            let velocity = DVec3::new(1e-3, 0.0, 0.0);
-            let mut position = DVec3::new(0.3, 0.5, 0.5);
-            for _ in 0..10 {
-                round(&mut predictor, false, position, velocity, 0.0);
-                position += velocity * TURNS as f64;
-            }
-            for _ in 0..5 {
-                round(&mut predictor, false, position, DVec3::ZERO, 0.0);
-            }
-            let all = round(&mut predictor, false, position, DVec3::ZERO, 0.0);
-            all.contains_key(&key(0, position + DVec3::Y * 0.14))
-        };
-        assert!(stopped(200.0) && !stopped(0.0));
-    }
-
-    #[test]
-    fn far_from_any_surface_nothing_is_predicted() {
-        let centre = DVec3::splat(0.5);
-        assert!(
-            round(
-                &mut Predictor::new(&Horizons::new(1000.0)),
-                true,
-                centre,
-                DVec3::ZERO,
-                0.5
-            )
-            .is_empty()
-        );
-    }
-
-    #[test]
-    fn any_speed_visits_a_bounded_number_of_regions() {
-        let mut predictor = Predictor::new(&Horizons::new(1000.0));
-        for k in 0..200 {
-            let p = DVec3::splat(if k % 2 == 0 { -1e6 } else { 1e6 });
-            let mut count = 0;
-            predictor.predict(&lod(), true, p, still(DVec3::splat(0.5), 0.0), |_| {
-                count += 1;
-            });
-            assert!(count <= 250);
-        }
-    }
-}
+mod tests;

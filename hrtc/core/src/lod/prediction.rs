@@ -13,6 +13,7 @@ use crate::policy::Detail;
 use crate::probe::contacts::Contacts;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
+use glam::DVec3;
 use scene::RefinementPlan;
 use spm::RegionId;
 
@@ -219,18 +220,18 @@ impl Front {
             let part = (&pair.proxy, &goal, patch);
             approach.forecast.look(surface, part, budget);
         }
-        let landed = match approach.predictor.ahead(middle) {
-            Some(ahead)
-                if is_local && is_close && ahead.is_finite() && budget.for_look_ahead() > 0 =>
-            {
-                let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
-                let most = budget.for_look_ahead();
-                let (nearest, work, is_complete) = closest_point_within(surface, ahead, hint, most);
-                budget.charge(QueryWork::Search, work);
-                nearest.filter(|_| is_complete).map(|n| n.closest.point)
+        let mut project = |ahead: DVec3| {
+            let most = budget.for_look_ahead();
+            if !(is_local && is_close && ahead.is_finite()) || most == 0 {
+                return None;
             }
-            _ => None,
+            let hint = pair.hint.filter(|&face| surface.mesh.is_active(face));
+            let (nearest, work, is_complete) = closest_point_within(surface, ahead, hint, most);
+            budget.charge(QueryWork::Search, work);
+            nearest.filter(|_| is_complete).map(|n| n.closest.point)
         };
+        let ahead = approach.predictor.ahead(middle);
+        let landed = ahead.map(|point| point.and_then(&mut project));
         approach.predictor.project_onto_front(landed);
     }
 }
