@@ -2,7 +2,7 @@
 //! sheet afterwards, gets free where its device is led out, and waits with a bounded force where
 //! not.
 
-use crate::common::fronts::{Front, box_mesh};
+use crate::common::fronts::{Front, box_mesh, plate_mesh};
 use crate::common::guided_tool::{GuidedTool, TICK_BUDGET};
 use ab_tree::{AbTree, leaf_key};
 use geometry::Pose;
@@ -30,6 +30,21 @@ impl Sheets {
     /// `closed`: half of the distance of the middles at the end; less than 0 if they have passed
     /// each other.
     fn new(closed: f64) -> Self {
+        let (mut mesh, mut tree) = Self::whole([RIM; 2], closed);
+        let mut out = OperationFaces::new();
+        for sheet in 0..2 {
+            mesh.split(sheet, &mut out).expect("the fan is there");
+            for (&face, leaf) in out.made_or_removed().iter().zip(out.leaves) {
+                assert!(tree.insert(face, leaf));
+            }
+            mesh.start_split_geomorph(&out);
+        }
+        let front = Front::of(mesh, tree);
+        Self { front, out }
+    }
+
+    /// Both before they are split; heights of their rims and middles.
+    fn whole([rim, middle]: [f64; 2], closed: f64) -> (ActiveMesh, AbTree) {
         let mut mesh = ActiveMesh::new(14, 12, 2).with_geomorphs(4);
         let mut tree = AbTree::new(16);
         tree.preconstruct(16);
@@ -37,8 +52,8 @@ impl Sheets {
             let (centre, first) = (7 * sheet, 6 * sheet);
             for k in 0..7 {
                 let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_3 * f64::from(k));
-                let out = if k == 0 { 0.0 } else { RADIUS };
-                let place = turn * DVec3::new(out, 0.0, side * RIM);
+                let (out, height) = if k == 0 { (0.0, middle) } else { (RADIUS, rim) };
+                let place = turn * DVec3::new(out, 0.0, side * height);
                 mesh.set_base_vertex(centre + k, place.as_vec3().to_array(), Certified::EXACT);
             }
             for k in 0..6 {
@@ -63,16 +78,7 @@ impl Sheets {
             let certified = [Certified::EXACT; 2];
             mesh.load(sheet, &record, record.vs, record.fn_, certified);
         }
-        let mut out = OperationFaces::new();
-        for sheet in 0..2 {
-            mesh.split(sheet, &mut out).expect("the fan is there");
-            for (&face, leaf) in out.made_or_removed().iter().zip(out.leaves) {
-                assert!(tree.insert(face, leaf));
-            }
-            mesh.start_split_geomorph(&out);
-        }
-        let front = Front::of(mesh, tree);
-        Self { front, out }
+        (mesh, tree)
     }
 
     /// Moves the middles of both so far, 1 being all of it, and takes the tool along.
@@ -251,6 +257,106 @@ fn a_sheet_that_jumps_into_a_tool_puts_it_out() {
                 assert!(is_out || k < 10, "{name}, {gap}, {k}");
             }
             assert!(is_between(&hand), "{name}, {gap}");
+        }
+    }
+}
+
+/// The tool hovers in a pit, and no face is near it before or after the pit becomes flat above it.
+#[test]
+fn a_sheet_that_jumps_over_a_tool_far_from_any_face_takes_it_along() {
+    let rim = 2.0;
+    for (name, mesh, turn) in tools() {
+        let (mesh_of_sheets, tree) = Sheets::whole([rim, -0.5], rim);
+        let mut sheets = Sheets {
+            front: Front::of(mesh_of_sheets, tree),
+            out: OperationFaces::new(),
+        };
+        let mut hand = GuidedTool::new(mesh);
+        let at = DVec3::new(0.05, 0.02, 1.0);
+        for _ in 0..5 {
+            tick(&mut hand, &sheets, at, turn);
+        }
+        assert!(!hand.proxy.is_blocked(), "{name}: it touches");
+        let Sheets { front, out } = &mut sheets;
+        front.mesh.split(1, out).expect("the fan is there");
+        for (&face, leaf) in out.made_or_removed().iter().zip(out.leaves) {
+            assert!(front.tree.insert(face, leaf));
+        }
+        out.deformed().iter().for_each(|&f| front.tree.deform(f));
+        hand.proxy.carry(&front.mesh, out);
+        front.tree.refit(|face| front.mesh.face_box(face));
+        for k in 0..20 {
+            let answer = tick(&mut hand, &sheets, at, turn);
+            let z = hand.proxy.pose().position.z;
+            let is_out = !answer.is_stuck && z > rim && !hand.meets(&sheets.front);
+            assert!(is_out || k < 10, "{name}, {k}: {z}");
+        }
+        assert!(hand.proxy.is_blocked(), "{name}: no force");
+    }
+}
+
+/// The mesh came late: the device is beyond the surface already. Placed where it was before, the
+/// tool comes from there, also where a tick has time for a part of what is near only.
+#[test]
+fn what_was_placed_clear_of_the_surface_comes_from_there() {
+    for (name, mesh, turn) in tools() {
+        for (start, goal, budget) in [
+            (1.5, 0.0, TICK_BUDGET),
+            (1.5, 0.6, TICK_BUDGET),
+            (1.05 + HALF, 0.0, 3000),
+            (1.05 + HALF, 1.0, 3000),
+        ] {
+            let front = Front::of_mesh(&box_mesh(DVec3::ONE));
+            let mut hand = GuidedTool::new(mesh.clone());
+            let at = |z: f64| Pose {
+                position: DVec3::new(0.05, 0.02, z),
+                orientation: turn,
+            };
+            assert!(hand.proxy.place(&at(start)));
+            for k in 0..200 {
+                let rest = at(goal - 1e-4 * f64::from(k));
+                hand.proxy.advance(front.surface(), &rest, budget);
+                let z = hand.proxy.pose().position.z;
+                assert!(
+                    z > 1.0 && !hand.meets(&front),
+                    "{name}, {goal}, {budget}, {k}: {z}"
+                );
+            }
+            let z = hand.proxy.pose().position.z;
+            assert!(
+                hand.proxy.is_blocked() && z < 1.45,
+                "{name}, {goal}, {budget}: {z}"
+            );
+        }
+    }
+}
+
+/// Nothing is in the way from where it was placed: it comes without force, also where several ticks
+/// look around first.
+#[test]
+fn what_was_placed_far_from_the_device_in_free_space_comes_without_force() {
+    let front = Front::of_mesh(&plate_mesh(2.0, 64));
+    let spring = Coupling {
+        stiffness_n_per_m: 1.0,
+        damping_ns_per_m: 0.0,
+    };
+    for (name, mesh, turn) in tools() {
+        for budget in [1000, TICK_BUDGET] {
+            let mut hand = GuidedTool::new(mesh.clone());
+            let at = |x: f64, z: f64| Pose {
+                position: DVec3::new(x, 0.02, z),
+                orientation: turn,
+            };
+            assert!(hand.proxy.place(&at(-0.5, 2.2 * HALF)));
+            for k in 0..300 {
+                let goal = at(0.5 + 1e-4 * f64::from(k), 4.0 * HALF);
+                hand.proxy.advance(front.surface(), &goal, budget);
+                let still = Twist::default();
+                let force = hand.proxy.wrench(&spring, 1.0, &still).force;
+                assert_eq!(force, DVec3::ZERO, "{name}, {budget}, {k}");
+            }
+            let x = hand.proxy.pose().position.x;
+            assert!(x > 0.5, "{name}, {budget}: {x}");
         }
     }
 }

@@ -39,11 +39,12 @@ pub(super) struct EscapesTried {
 }
 
 impl ToolProxy {
-    /// Takes the anchor along with a split or collapse that passed over it.
-    pub(super) fn carry_anchor(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
+    /// Takes the anchor along with a split or collapse if that passed over it.
+    pub(super) fn carry_anchor(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) -> bool {
         let beyond = ANCHOR_BEYOND * self.static_offset();
         let carried = carried(mesh, operation, self.anchor(), beyond);
         self.carried_anchor = carried.or(self.carried_anchor);
+        carried.is_some()
     }
 
     fn anchor(&self) -> DVec3 {
@@ -108,6 +109,33 @@ impl ToolProxy {
         Some(true)
     }
 
+    /// Begins where the tool was placed if it is clear of the surface there, else at the device,
+    /// also where no tick could decide. False if a later tick may.
+    pub(super) fn begin_where_placed(
+        &mut self,
+        surface: Surface<'_>,
+        budget: u32,
+        answer: &mut ToolAdvance,
+    ) -> bool {
+        let start = self.at;
+        let was_known = self.near.tube.left() > 0.0;
+        let is_met = self.meets(surface, &start, budget, answer);
+        if is_met == Some(false) {
+            self.come_out_at(&start);
+            self.contacts.clear();
+        }
+        // Candidates that a tick has collected are tested by the next one, with all of its budget.
+        let is_new = !was_known && self.near.tube.left() > 0.0;
+        let goes_on = self.near.has_partial_collection() || is_new;
+        if is_met.is_none() && goes_on {
+            return false;
+        }
+        self.is_placed_anew = false;
+        self.near.invalidate_all();
+        self.has_unused_collection = false;
+        true
+    }
+
     /// Moves to the device if the tool is clear of the surface there, and if it is on its side.
     pub(super) fn jump_when_clear(
         &mut self,
@@ -118,7 +146,11 @@ impl ToolProxy {
         let goal = self.goal;
         let is_held = self.state == State::Stuck
             && self.reaches(surface, &goal, budget, answer) != Some(true);
-        self.near.invalidate_all();
+        // A collection that the last tick began is gone on with while the device rests. Around a
+        // tool that is stuck elsewhere, changes would not be noted.
+        if self.state == State::Stuck || !self.near.has_partial_collection() {
+            self.near.invalidate_all();
+        }
         let clear = !is_held && self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
@@ -128,7 +160,9 @@ impl ToolProxy {
             self.come_out_at(&goal);
             self.contacts.clear();
         }
-        self.near.invalidate_all();
+        if self.state != State::Inside || !self.near.has_partial_collection() {
+            self.near.invalidate_all();
+        }
         self.has_unused_collection = false;
     }
 
@@ -314,7 +348,8 @@ impl ToolProxy {
     }
 
     /// Whether the tool meets the surface at a placement, whose candidates it collects; `None` if
-    /// the budget does not suffice. The next tick continues if it asks for the same placement.
+    /// the budget does not suffice. The next tick continues if it asks for the same placement and
+    /// the pairs are not invalidated.
     fn meets(
         &mut self,
         surface: Surface<'_>,

@@ -10,8 +10,8 @@
 /// less, and from a longer one the tool turns off.
 const SHORTEST: f64 = 1e-4;
 const LONGEST: f64 = 0.1;
-/// The part of the path that a tick needs, one over this, that may be looked at where that is
-/// longer: a tick has few steps for a fast motion.
+/// Where a tick needs a longer path than [`LONGEST`], one over this of it may be looked at: a tick
+/// has few steps for a fast motion.
 const FEW: f64 = 4.0;
 /// Growth of the length, and its reduction.
 const CHANGE: f64 = 2.0;

@@ -92,7 +92,8 @@ impl LookAheadTube {
         self.margin - self.off
     }
 
-    /// Upper bound of the motion of a point within the tube; not positive if nothing is known.
+    /// Upper bound of the motion of a point from the start to any place within the tube; not
+    /// positive if nothing is known.
     pub fn reach(&self) -> f64 {
         self.length() + self.margin
     }

@@ -2,7 +2,6 @@
 
 use super::neighbourhood::{Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
-use geometry::BoxPair;
 use glam::DVec3;
 use spm::{ActiveMesh, Handle, NONE, OperationFaces};
 use std::iter;
@@ -11,7 +10,7 @@ use std::iter;
 /// far end is half as far again as its near one.
 const LONGER: f64 = 1.5;
 /// Escapes from the push of the known faces to as far as the surface has moved, at most: from the
-/// least push, two contact offsets, to twice the tool's radius of gyration.
+/// least push, two contact offsets, to 2 to 22 times the tool's radius of gyration.
 const ESCAPES: usize = 24;
 /// Escapes from there on, to five times as long: several operations may have moved the surface.
 const LONG_ESCAPES: usize = 5;
@@ -40,6 +39,42 @@ pub struct MeshChange {
     #[serde(with = "serde_big_array::BigArray")]
     faces: [Handle; MAX_LISTED],
     count: usize,
+}
+
+/// The faces that an operation has changed.
+fn changed_by(operation: &OperationFaces) -> impl Iterator<Item = &Handle> {
+    let deformed = operation.deformed().iter();
+    deformed.chain(operation.made_or_removed())
+}
+
+/// Whether faces may be near the tool, or where candidates are collected, after an operation.
+fn is_near_now(
+    near: &Neighbourhood,
+    shape: &ToolShape,
+    centre: DVec3,
+    mesh: &ActiveMesh,
+    operation: &OperationFaces,
+) -> bool {
+    let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for &face in changed_by(operation).filter(|&&face| mesh.is_active(face)) {
+        for corner in mesh.corners(face) {
+            (lower, upper) = (lower.min(corner), upper.max(corner));
+        }
+    }
+    near.may_reach_box(shape, centre, [lower, upper])
+}
+
+/// Whether an operation changes what is collected, or may.
+pub(super) fn operation_is_near(
+    near: &Neighbourhood,
+    shape: &ToolShape,
+    centre: DVec3,
+    mesh: &ActiveMesh,
+    operation: &OperationFaces,
+) -> bool {
+    let mut changed = changed_by(operation);
+    changed.any(|&face| near.place_of(face).is_some())
+        || is_near_now(near, shape, centre, mesh, operation)
 }
 
 impl MeshChange {
@@ -103,9 +138,9 @@ impl MeshChange {
         self.faces.get(..self.count)
     }
 
-    /// Notes an operation. Candidate pairs tell which changed faces were near; the tool's boxes
-    /// along the collected path tell which are near now, or its bounding ball if nothing is
-    /// collected.
+    /// Notes an operation. Candidate pairs tell which changed faces were near; balls and the tool's
+    /// boxes along the collected path tell which are near now, its bounding ball alone if nothing
+    /// is collected.
     pub fn note(
         &mut self,
         near: &mut Neighbourhood,
@@ -114,26 +149,8 @@ impl MeshChange {
         mesh: &ActiveMesh,
         operation: &OperationFaces,
     ) {
-        let changed = || {
-            operation
-                .deformed()
-                .iter()
-                .chain(operation.made_or_removed())
-        };
-        let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for &face in changed().filter(|&&face| mesh.is_active(face)) {
-            for corner in mesh.corners(face) {
-                (lower, upper) = (lower.min(corner), upper.max(corner));
-            }
-        }
-        let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
-        let ball = shape.radius + near.reach();
-        let mut is_near = outside.length_squared() <= ball * ball;
-        if is_near {
-            // The tool deviates from the collected path by less than the margin.
-            let around = BoxPair::twice_widened(lower.as_vec3a(), upper.as_vec3a());
-            is_near = near.may_reach(shape, &around.get(0));
-        }
+        let changed = || changed_by(operation);
+        let is_near = is_near_now(near, shape, centre, mesh, operation);
         let mut was_near = false;
         for &face in changed() {
             let Some(place) = near.place_of(face) else {
@@ -145,10 +162,7 @@ impl MeshChange {
             }
             let corners = mesh.corners(face);
             let before = std::mem::replace(&mut near.faces[place as usize].corners, corners);
-            for pair in near.pairs.iter() {
-                if pair.surface != place {
-                    continue;
-                }
+            for pair in near.pairs_of(place) {
                 let direction = near.direction(pair);
                 let height = reach_along(direction, corners);
                 self.push = self.push.max(height - reach_along(direction, before));
@@ -170,6 +184,12 @@ impl MeshChange {
         }
         // A face that was not near before has no separating direction.
         self.may_have_met |= is_near;
+    }
+
+    /// The surface has passed over the tool's anchor, by so much at the most, near the tool or not.
+    pub fn passed_over_anchor(&mut self, displacement: f64) {
+        self.displacement = self.displacement.max(displacement);
+        (self.is_there, self.is_new, self.may_have_met) = (true, true, true);
     }
 
     /// Displacements out of the surface on the side of the tool, the shortest first. `offset`:

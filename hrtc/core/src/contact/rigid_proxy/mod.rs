@@ -7,10 +7,11 @@
 //! motion until the first pair of faces stops it (`sweep`): the constraint-based method of Ortega
 //! 2007. No threshold is an absolute length; all are fractions of the tool's size.
 //!
-//! Contacts act at a contact offset of 1e-4 of the tool's radius of gyration; the sweep stops at
-//! half of it. So a resting contact does not stop a sweep, and every crossing does. The tool feels
-//! thicker by the contact offset. While the surface moves under the tool, the offset is as large as
-//! the motion that the surface may make in a tick.
+//! Contacts act at a contact offset of half a step of the device's encoder, between 1e-4 and 1e-3
+//! of the tool's radius of gyration; the sweep stops at half of it. So a resting contact does not
+//! stop a sweep, and every crossing does. The tool feels thicker by the contact offset. While the
+//! surface moves under the tool, the offset is as large as the motion that the surface may make in
+//! a tick.
 //!
 //! | file | content |
 //! |---|---|
@@ -62,7 +63,7 @@ use depenetration::EscapesTried;
 use geometry::{BoxPair, Pose, Wrench};
 use glam::DVec3;
 use look_ahead::LookAhead;
-use mesh_change::MeshChange;
+use mesh_change::{MeshChange, operation_is_near};
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MAX_HALF_SPACES};
 use shape::ToolShape;
@@ -123,6 +124,8 @@ pub struct ToolProxy {
     /// it.
     moving_offset: f64,
     state: State,
+    /// Whether it was placed, and has not begun there yet.
+    is_placed_anew: bool,
     /// Where the surface has carried the tool's anchor, if it has passed over it; see
     /// `depenetration`.
     carried_anchor: Option<DVec3>,
@@ -193,6 +196,7 @@ impl ToolProxy {
             assumed: None,
             imperceptible: Imperceptible::NOTHING,
             look_ahead: LookAhead::new(shape.gyration),
+            is_placed_anew: false,
             has_unused_collection: false,
             has_unfinished_step: false,
             pace: 0.0,
@@ -223,6 +227,7 @@ impl ToolProxy {
         self.mesh_change = MeshChange::new();
         self.moving_offset = 0.0;
         self.state = State::Nowhere;
+        self.is_placed_anew = false;
         self.carried_anchor = None;
         self.contacts.clear();
         self.look_ahead = LookAhead::new(self.shape.gyration);
@@ -291,9 +296,10 @@ impl ToolProxy {
         self.static_offset().max(self.moving_offset)
     }
 
-    /// Contact offset on a surface that does not move: the quantization error of the device's
-    /// position, if that is neither too small nor too large for the tool.
-    fn static_offset(&self) -> f64 {
+    /// Contact offset on a surface that does not move, model units: the quantization error of the
+    /// device's position, if that is neither too small nor too large for the tool.
+    #[must_use]
+    pub fn static_offset(&self) -> f64 {
         let gyration = self.shape.gyration;
         let [least, most] = self.settings.contact_offset.map(|of| of * gyration);
         // Not `clamp`, which has a panic.
@@ -354,8 +360,9 @@ impl ToolProxy {
         })
     }
 
-    /// Places the proxy without a sweep, as at the first sample. If it meets the surface there, it
-    /// moves with the device until it is clear. False for an invalid pose.
+    /// Places the proxy without a sweep; the next [`Self::advance`] goes from there to the device.
+    /// If it meets the surface there, it moves with the device until it is clear. False for an
+    /// invalid pose.
     pub fn place(&mut self, pose: &Pose) -> bool {
         let Some(at) = self.placement(pose) else {
             self.rejected += 1;
@@ -365,6 +372,7 @@ impl ToolProxy {
         self.goal = at;
         self.coupling_target = at;
         self.state = State::Inside;
+        self.is_placed_anew = true;
         self.carried_anchor = None;
         self.mesh_change = MeshChange::new();
         self.invalidate();
@@ -374,10 +382,22 @@ impl ToolProxy {
     /// Notes a split or collapse that was just performed. Candidate pairs near it are updated; if
     /// the surface moved into the tool, the next tick depenetrates it on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
-        if matches!(self.state, State::Clear | State::Stuck) {
-            self.carry_anchor(mesh, operation);
+        if !matches!(self.state, State::Clear | State::Stuck) {
+            // What a collection has gone through may have changed, and the side of the tool.
+            if operation_is_near(&self.near, &self.shape, self.at.centre, mesh, operation) {
+                self.near.invalidate();
+            }
+            if self.is_placed_anew && self.carry_anchor(mesh, operation) {
+                (self.is_placed_anew, self.carried_anchor) = (false, None);
+            }
+            return;
+        }
+        let is_carried = self.carry_anchor(mesh, operation);
+        self.mesh_change
+            .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
+        if is_carried {
             self.mesh_change
-                .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
+                .passed_over_anchor(mesh.displacement(operation));
         }
     }
 
@@ -433,6 +453,12 @@ impl ToolProxy {
             }
         }
         answer.is_stuck = self.state == State::Stuck;
+        let is_placed_anew = self.state == State::Inside && self.is_placed_anew;
+        if is_placed_anew && !self.begin_where_placed(surface, budget, &mut answer) {
+            // No force until then.
+            self.coupling_target = self.goal;
+            return answer;
+        }
         match self.state {
             State::Clear => {
                 let limit = limit.part(0, budget);

@@ -16,7 +16,7 @@ use crate::contact::motion::{Placement, Twist};
 use crate::contact::tool::RelativePath;
 use collect::PartialCollection;
 pub(super) use collect::Updated;
-use geometry::Aabb;
+use geometry::{Aabb, BoxPair};
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
 
@@ -42,6 +42,9 @@ pub(super) struct SurfaceFace {
     pub asks_edge: [bool; 3],
     /// The corners that this face owns.
     pub owns: [bool; 3],
+    /// The first of its pairs, and their number: mostly one after another.
+    pub first_pair: u32,
+    pub pairs: u32,
 }
 
 /// Unit normal of a face; zero without area.
@@ -62,6 +65,8 @@ impl SurfaceFace {
             owns_edge: [true; 3],
             asks_edge: [true; 3],
             owns: [false; 3],
+            first_pair: 0,
+            pairs: 0,
         };
         for k in 0..3 {
             let on_edge = [links.corners[(k + 1) % 3], links.corners[(k + 2) % 3]];
@@ -269,9 +274,32 @@ impl Neighbourhood {
         self.partial.as_ref().map_or(&self.tube, |b| &b.tube)
     }
 
-    /// Upper bound of the motion of a point within the tube; 0 if nothing is known.
+    /// Upper bound of the motion of a point from the tube's start to any place within it; 0 if
+    /// nothing is known.
     pub fn reach(&self) -> f64 {
         self.looked_at().reach().max(0.0)
+    }
+
+    /// The same as [`Self::may_reach`] for a box given by its corners. Mostly two balls tell: that
+    /// of all points within the tube, and that of the tool, of which nothing may be known, around
+    /// its centre.
+    pub fn may_reach_box(
+        &self,
+        shape: &ToolShape,
+        centre: DVec3,
+        [lower, upper]: [DVec3; 2],
+    ) -> bool {
+        let meets = |centre: DVec3, radius: f64| {
+            let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
+            outside.length_squared() <= radius * radius
+        };
+        let (start, reach) = (self.looked_at().ends()[0].centre, self.reach());
+        let is_near =
+            meets(centre, shape.radius) || reach > 0.0 && meets(start, shape.radius + reach);
+        is_near && {
+            let around = BoxPair::twice_widened(lower.as_vec3a(), upper.as_vec3a());
+            self.may_reach(shape, &around.get(0))
+        }
     }
 
     /// Whether a change in a box may be within the margin of the tube; true if nothing is known.
@@ -303,6 +331,23 @@ impl Neighbourhood {
         self.faces.clear();
         self.face_places.clear();
         self.vertex_places.clear();
+    }
+
+    /// The pairs of a face of the surface.
+    pub(super) fn pairs_of(&self, place: u32) -> impl Iterator<Item = &NearPair> {
+        let face = &self.faces[place as usize];
+        let pairs = self.pairs[face.first_pair as usize..].iter();
+        let own = pairs.filter(move |pair| pair.surface == place);
+        own.take(face.pairs as usize)
+    }
+
+    /// Counts a pair for its face of the surface.
+    fn count_pair(&mut self, pair: usize, place: u32) {
+        let face = &mut self.faces[place as usize];
+        if face.pairs == 0 {
+            face.first_pair = pair as u32;
+        }
+        face.pairs += 1;
     }
 
     /// Index of a face, which is added if it is new.
@@ -450,5 +495,53 @@ impl Neighbourhood {
 fn put(vertices: &[u32], places: &mut [DVec3], shape: &ToolShape, centre: DVec3, rotation: DMat3) {
     for &v in vertices {
         places[v as usize] = centre + rotation * shape.points[v as usize];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::tool::{Tool, capsule_mesh};
+    use glam::DQuat;
+    use proptest::prelude::*;
+
+    fn vector() -> impl Strategy<Value = DVec3> {
+        prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array)
+    }
+
+    proptest! {
+        /// Whatever comes within the margin of any placement that the tube covers is noticed,
+        /// wherever within the tube the tool is now.
+        #[test]
+        fn what_may_touch_on_a_covered_motion_is_noticed(
+            way in vector(), twist in vector(), length in 0.01..0.2f64, here in vector(),
+            is_behind in any::<bool>(),
+        ) {
+            let tool = Tool::new(&capsule_mesh(0.3, 2.0, 8, 6)).expect("it is a tool");
+            let shape = ToolShape::new(&tool, 1.0);
+            let mut near = Neighbourhood::new(&shape);
+            // The tool's tip is ahead.
+            let way = way.normalize_or(DVec3::X);
+            let orientation = DQuat::from_rotation_arc(DVec3::Z, way);
+            let start = Placement { centre: DVec3::X, orientation };
+            let path = Twist { linear: way * length, angular: twist * (0.02 * length) };
+            let (distance, skin) = (0.002, 0.02);
+            near.tube = LookAheadTube::along(start, path, distance, skin, &shape);
+            let ends = near.tube.ends();
+            near.path = RelativePath::new(ends.map(|at| at.centre), ends.map(|at| at.rotation()));
+            let beside = |off: DVec3| Twist {
+                linear: off.clamp_length_max(1.0) * (0.9 * skin),
+                ..Twist::default()
+            };
+            // Behind the start or beside it, on a way beyond the end.
+            let at = start.moved(&beside(if is_behind { -way } else { here }));
+            let end = ends[1].moved(&beside(way));
+            near.tube.move_to(&at);
+            prop_assert!(near.tube.covers(&at, &at.to(&end), distance));
+            for arm in &shape.points {
+                let corner = end.centre + end.rotation() * *arm + way * (0.99 * distance);
+                prop_assert!(near.may_reach_box(&shape, at.centre, [corner; 2]), "{corner}");
+            }
+        }
     }
 }

@@ -299,8 +299,8 @@ impl ToolProxy {
 
     /// Makes the part of a step that a sweep found free, and returns it. Where that is little the
     /// tool stays, so that the contacts and the directions that separate pairs stay as they are
-    /// known, and the next tick goes on. If the sweep `had_all` of a tick's budget, the step was
-    /// too long.
+    /// known, and the next tick goes on. If the sweep `had_all` of a tick's budget, since the
+    /// contacts were known before, the step was too long.
     fn make_free_part(&mut self, step: &Twist, swept: &Swept, had_all: bool) -> Twist {
         let is_little = !swept.is_all && swept.share < MIN_PART;
         if is_little && !self.look_ahead.is_shortest() {

@@ -52,6 +52,8 @@ pub const SAME_WITHIN: f64 = 2.0 * CONVERGED_WITHIN + SKIN;
 const STEPS: usize = 8;
 /// Distance beyond a surface that has passed over the proxy, as a fraction of the radius.
 const BEYOND: f64 = 1e-3;
+/// Reach of a step's half-spaces beside its motion, as a fraction of the radius.
+const MIN_REACH: f64 = 1e-3;
 
 /// Halvings of the reach at the most: then it is small beside the part around the ball that is
 /// always looked at ([`LOOK_AROUND`]), unless the device moves by five radii in a tick.
@@ -302,7 +304,7 @@ impl Proxy {
         let (goal, mut work) = (self.goal, Work::default());
         // Faces farther than the motion of the device in this tick matter only to the sweep.
         let ahead = if is(Mutant::Sweep) { 0.0 } else { moved };
-        let reach = ahead / f64::from(1u32 << self.halvings) + 1e-3 * self.radius;
+        let reach = ahead / f64::from(1u32 << self.halvings) + MIN_REACH * self.radius;
         let most = self.max_slide + moved;
         let skin_radius = self.radius * (1.0 - SKIN);
         let (mut contact, mut last_motion) = (None, None);
@@ -315,7 +317,7 @@ impl Proxy {
             }
             let wanted = goal - self.position;
             let length = wanted.length();
-            let reach = reach.min(length + 1e-3 * self.radius);
+            let reach = reach.min(length + MIN_REACH * self.radius);
             has_looked &= self.collect_near(surface, reach, &mut limit, &mut work);
             is_cut |= !has_looked;
             // Half of the skin: not a face at which the ball rests, but each that stops the sweep.

@@ -158,6 +158,7 @@ impl Neighbourhood {
         let place = candidate.place;
         let place = place.unwrap_or_else(|| self.face_place(mesh, candidate.face));
         candidate.place = Some(place);
+        self.count_pair(self.pairs.len(), place);
         self.pairs.push(NearPair {
             tool: tool_face,
             surface: place,
@@ -304,7 +305,9 @@ impl Neighbourhood {
         self.pairs.truncate(kept);
         self.clear_faces();
         for k in 0..kept {
-            self.pairs[k].surface = self.face_place(mesh, self.pairs[k].surface);
+            let place = self.face_place(mesh, self.pairs[k].surface);
+            self.pairs[k].surface = place;
+            self.count_pair(k, place);
         }
     }
 }
