@@ -33,7 +33,8 @@ pub struct Controller {
     pub(crate) movables: Movables,
     /// Index of the last tick.
     pub(crate) last_tick: Option<u64>,
-    /// The same, but counting only ticks that were run: the time of every horizon.
+    /// The same, but counting only ticks that were run: the time of the horizons of
+    /// sessions and fronts.
     pub(crate) own_tick: u64,
     pub(crate) replay_hash: u64,
 }

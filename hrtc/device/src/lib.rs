@@ -42,8 +42,11 @@
 //! **Plausibility.** The controller rejects and counts samples that are no numbers, or to which no
 //! motion within [`MotionLimits`] leads; it holds the last plausible pose instead.
 //!
-//! **Panics.** A driver must not panic; a fault of the hardware is a `read` that returns `None`.
-//! The controller ramps the force down after a few of these.
+//! **Missing samples.** A `read` that returns `None` has no sample for this period, as of a device
+//! slower than the loop: motion is taken to go on. A fault of the hardware is one that goes on
+//! returning it: the controller ramps the force down after 20 ms of these.
+//!
+//! **Panics.** A driver must not panic.
 //!
 //! # Example
 //! ```

@@ -107,6 +107,14 @@ impl ActiveObject {
         self.front.greatest_speed(widths.fold(0.0, f64::max))
     }
 
+    /// The largest distance from a surface at rest at which contacts of a tool acted here so far,
+    /// metres; 0 where no tool came near.
+    #[must_use]
+    pub fn contact_offset_m(&self) -> f64 {
+        let offsets = self.contacts.pairs.iter().map(|pair| pair.contact_offset_m);
+        offsets.fold(0.0, f64::max)
+    }
+
     /// The object gives its place up: nothing of it can be touched any more. Its session is closed
     /// already.
     pub(crate) fn vacate(&mut self, tick: u64) {

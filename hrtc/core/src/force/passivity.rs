@@ -236,7 +236,8 @@ impl EnergyAccount {
         let Wrench { force, torque } = self.limited;
         let work = force.dot(moved.without_noise) + torque.dot(turned.without_noise);
         let lost = work - limited;
-        let of_raised = lost.clamp(0.0, self.raised_j);
+        // Not `clamp`, which has a panic.
+        let of_raised = lost.min(self.raised_j).max(0.0);
         self.raised_j -= of_raised;
         self.given_j += of_raised;
         self.contact_joules += lost - of_raised;
@@ -387,8 +388,10 @@ impl EnergyAccount {
             self.contact_joules = self.contact_joules.max(0.0);
             self.raised_j = 0.0;
         }
-        self.wrench = wrench;
-        self.limited = limited;
+        // The force limiter made no force of what is not finite.
+        let finite = |of: Wrench| if of.is_finite() { of } else { Wrench::ZERO };
+        self.wrench = finite(wrench);
+        self.limited = finite(limited);
     }
 
     /// Sets a force for the coming period, all of it limited. Unlike [`Self::set_output`], a zero

@@ -35,7 +35,7 @@ pub struct Contacts {
     /// Perception limits of this tick, with the index of the probe: one for each part of a probe
     /// that may touch.
     pub limits: Vec<(usize, PerceptionLimit)>,
-    /// Tools of this tick whose budget left a part of their motion to the next one.
+    /// Proxies of this tick whose budget left a part of their motion to the next one.
     pub unfinished: u32,
     /// Tools of this tick that left a part of their motion to the next one though the budget had
     /// room.

@@ -14,6 +14,7 @@ use crate::horizons::Horizons;
 use crate::instance::ModelFrame;
 use crate::tuning::probe::KEPT_UP;
 use geometry::{Pose, Wrench};
+use glam::DVec3;
 use haptic_device::{MotionLimits, Sample};
 use plausibility::Plausibility;
 use protocol::{LONGEST_TOUR_S, TourAsk, TourPoint, tour_points};
@@ -92,8 +93,12 @@ pub struct Probe {
     pub last: Option<Pose>,
     /// Largest displacement in one of the last ticks, metres, of those that were kept up.
     pub speed: f64,
-    /// Ways of the last ticks.
+    /// The farthest motion of a point a period, metres, by the last samples.
     moves: [f64; KEPT_UP],
+    /// Motion a period, and velocity (m/s) for the effects of the scene, by the last samples: where
+    /// one is missing it goes on, as long as the force does.
+    motion_a_period: Twist,
+    velocity: DVec3,
     /// Periods from the pose of the tick before to that of this tick: more than 1 where samples
     /// were missing or periods were skipped.
     periods: u64,
@@ -160,6 +165,8 @@ impl Probe {
             last: None,
             speed: 0.0,
             moves: [0.0; KEPT_UP],
+            motion_a_period: Twist::default(),
+            velocity: DVec3::ZERO,
             periods: 1,
             elapsed: 1,
             was_cut: false,
@@ -209,17 +216,27 @@ impl Probe {
             self.pose = Some(accepted.pose);
             self.periods = accepted.periods;
             if accepted.is_new_place {
+                // It did not move there.
+                self.last = None;
                 self.energy.go_to_new_place();
+                self.effects.go_to_new_place();
             }
+            let motion = self.motion();
+            let periods = self.periods as f64;
+            self.motion_a_period = Twist {
+                linear: motion.linear / periods,
+                angular: motion.angular / periods,
+            };
+            self.moves.rotate_right(1);
+            self.moves[0] = self.motion_a_period.farthest(self.reach_m);
         } else {
             self.silence = self.silence.saturating_add(elapsed);
             self.pose = self.last;
+            if self.silence > self.horizons.max_silence {
+                self.motion_a_period = Twist::default();
+                self.moves = [0.0; KEPT_UP];
+            }
         }
-        let motion = self.motion();
-        // No point of the shape moves farther.
-        let moved = motion.farthest(self.reach_m) / self.periods as f64;
-        self.moves.rotate_right(1);
-        self.moves[0] = moved;
         let kept_up = self.moves.into_iter().fold(f64::INFINITY, f64::min);
         let left = self.horizons.speed_left.powf(elapsed as f64);
         self.speed = kept_up.max(left * self.speed);
@@ -238,21 +255,16 @@ impl Probe {
         }
     }
 
-    /// The same along the material of an object whose pose was another in the tick before; and the
-    /// periods that it took.
-    pub fn motion_along(&self, before: Option<&Pose>, now: &Pose) -> (Twist, f64) {
-        let (motion, periods) = (self.motion(), self.periods as f64);
+    /// The same along the material of an object whose pose was another in the tick before; and its
+    /// motion along it in a period, by the last samples.
+    pub fn motion_along(&self, before: Option<&Pose>, now: &Pose) -> [Twist; 2] {
+        let (motion, a_period) = (self.motion(), self.motion_a_period);
         let (Some(before), Some(pose)) = (before, &self.pose) else {
-            return (motion, periods);
+            return [motion, a_period];
         };
         let carried = material_motion(before, now, pose.position);
-        // As far as it would have come in these periods.
-        let share = periods / self.elapsed as f64;
-        let along = Twist {
-            linear: motion.linear - carried.linear * share,
-            angular: motion.angular - carried.angular * share,
-        };
-        (along, periods)
+        let carried_a_period = carried.times(1.0 / self.elapsed as f64);
+        [motion.minus(&carried), a_period.minus(&carried_a_period)]
     }
 
     /// Passes what all touches, and the scene, want through energy account and force limiter to the
@@ -265,22 +277,7 @@ impl Probe {
         mut ahead: CarriedWork,
         is_open: bool,
     ) -> [f64; 2] {
-        if let Some(pose) = self.pose {
-            let before = self.last.unwrap_or(pose);
-            self.book_motion(&pose);
-            self.last = Some(pose);
-            let seconds = self.elapsed as f64 * clock.period_s;
-            self.energy.pass_time(seconds);
-            if !self.effects.is_empty() {
-                let device = DeviceSample {
-                    pose: &pose,
-                    velocity: self.energy.motion() / clock.period_s,
-                    displacement: pose.position - before.position,
-                    elapsed: self.elapsed,
-                };
-                self.effects.render(clock, &device, &mut wanted);
-            }
-        }
+        self.render_effects(clock, &mut wanted);
         if !self.renders_torque {
             // It does no work then.
             wanted.passive = wanted.passive.without_torque();
@@ -327,6 +324,35 @@ impl Probe {
         [given * share, share]
     }
 
+    /// Books the motion of this tick, and adds the effects of the scene to what is wanted.
+    fn render_effects(&mut self, clock: Clock, wanted: &mut Rendered) {
+        let Some(pose) = self.pose else {
+            return;
+        };
+        let before = self.last.unwrap_or(pose);
+        let was_cut = self.was_cut;
+        self.book_motion(&pose);
+        self.last = Some(pose);
+        self.velocity = match self.silence {
+            // The account divides what the device did with and without the wrench.
+            0 if was_cut => self.motion_a_period.linear / clock.period_s,
+            0 => self.energy.motion() / clock.period_s,
+            silence if silence > self.horizons.max_silence => DVec3::ZERO,
+            _ => self.velocity,
+        };
+        let seconds = self.elapsed as f64 * clock.period_s;
+        self.energy.pass_time(seconds);
+        if !self.effects.is_empty() {
+            let device = DeviceSample {
+                pose: &pose,
+                velocity: self.velocity,
+                displacement: pose.position - before.position,
+                elapsed: self.elapsed,
+            };
+            self.effects.render(clock, &device, wanted);
+        }
+    }
+
     /// Books the work of the last wrench up to the pose of this tick. A wrench that has expired
     /// meanwhile has done work as long as it was valid: under it the device went on as before.
     fn book_motion(&mut self, pose: &Pose) {
@@ -337,8 +363,13 @@ impl Probe {
             return;
         }
         let valid = self.horizons.validity;
-        let expired = self.last.zip(self.elapsed.checked_sub(valid));
-        if let Some((last, _)) = expired {
+        if self.elapsed == valid {
+            self.energy.moved_to(pose, periods, carried);
+            self.energy.set_output(Wrench::ZERO, Wrench::ZERO);
+            return;
+        }
+        let expired = self.last.filter(|_| self.elapsed > valid);
+        if let Some(last) = expired {
             let share = valid as f64 / self.elapsed as f64;
             let expired_at = Pose {
                 position: last.position + self.energy.motion() * valid as f64,
@@ -348,10 +379,11 @@ impl Probe {
         }
         // What the hand put into the contact is no credit any more.
         self.energy.set_output(Wrench::ZERO, Wrench::ZERO);
-        match expired {
-            Some((_, 0)) => {}
-            Some((_, rest)) => self.energy.moved_to(pose, [rest; 2], [0.0; 2]),
-            None => self.energy.moved_to(pose, periods, carried),
+        if expired.is_some() {
+            let rest = self.elapsed - valid;
+            self.energy.moved_to(pose, [rest; 2], [0.0; 2]);
+        } else {
+            self.energy.moved_to(pose, periods, carried);
         }
     }
 

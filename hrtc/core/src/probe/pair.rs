@@ -72,6 +72,8 @@ pub struct ProbeObjectPair {
     coupling: PaidCoupling,
     /// Whether the surface moves under the probe in this tick, by a geomorph.
     pub surface_moves: bool,
+    /// Largest distance from a surface at rest at which contacts of its tool acted, metres.
+    pub contact_offset_m: f64,
     /// The faces that held a tool in the last tick, and their certified errors, model units.
     held_by: [(Handle, f32); MAX_PUSHING],
 }
@@ -95,6 +97,7 @@ impl ProbeObjectPair {
             start: None,
             coupling: PaidCoupling::default(),
             surface_moves: false,
+            contact_offset_m: 0.0,
             held_by: HELD_BY_NONE,
         }
     }
@@ -138,6 +141,10 @@ impl ProbeObjectPair {
         if !self.proxy.has_room() {
             let start = self.start.take().map(|start| frame.object_to_model(start));
             self.proxy.begin(self.patch_m, frame.metres_per_unit, start);
+        }
+        if let Some(tool) = self.proxy.tool() {
+            let offset_m = tool.static_offset() * frame.metres_per_unit;
+            self.contact_offset_m = self.contact_offset_m.max(offset_m);
         }
     }
 
@@ -244,18 +251,16 @@ impl ProbeObjectPair {
             return 0.0;
         };
         let to_model = frame.pose.orientation.conjugate();
-        let (motion, periods) = probe.motion_along(before, &frame.pose);
-        let seconds = periods * clock.period_s;
+        let [moved, a_period] = probe.motion_along(before, &frame.pose).map(|of| Twist {
+            linear: to_model * of.linear,
+            angular: to_model * of.angular,
+        });
         let velocity = Twist {
-            linear: to_model * motion.linear / seconds,
-            angular: to_model * motion.angular / seconds,
+            linear: a_period.linear / clock.period_s,
+            angular: a_period.angular / clock.period_s,
         };
         let scale = frame.metres_per_unit;
         let (depth, wrench, spring) = self.proxy.render(&goal, scale, plan, &velocity);
-        let moved = Twist {
-            linear: to_model * motion.linear,
-            angular: to_model * motion.angular,
-        };
         let (coupled, moves) = ((wrench, spring), self.surface_moves);
         let (wrench, spring) = self.coupling.pay(coupled, &moved, moves, clock.period_s);
         let sign = match () {

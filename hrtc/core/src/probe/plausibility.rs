@@ -15,7 +15,8 @@
 //! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
 //! makes one of them plausible. Elsewhere, a device is taken to be at a *new place* only after
 //! [`NEW_PLACE_S`] of samples that are plausible after one another, and when the force on it has
-//! ramped down, so that it begins anew from zero.
+//! ramped down, so that it begins anew from zero. The proxies stay where they were: between there
+//! and the new place may be a surface.
 
 use crate::tuning::probe::{MAX_WIDENED_S, MIN_NEW_PLACE_SAMPLES, NEW_PLACE_S};
 use geometry::Pose;

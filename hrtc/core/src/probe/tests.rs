@@ -22,8 +22,13 @@ impl Held {
     }
 
     fn with(passivity: bool) -> Self {
+        Self::of(passivity, "")
+    }
+
+    /// With lines before the first table of the scene.
+    fn of(passivity: bool, lines: &str) -> Self {
         let text = format!(
-            "[[object]]\ngenerate = {{ shape = \"plate\", faces = 1000 }}\nsize_m = 0.2\n\
+            "{lines}\n[[object]]\ngenerate = {{ shape = \"plate\", faces = 1000 }}\nsize_m = 0.2\n\
              [safety]\nramp_s = 0.2\npassivity = {passivity}\n[[probe]]\n"
         );
         let path = Path::new("");
@@ -147,4 +152,160 @@ fn torque_that_the_device_does_not_render_does_no_work() {
         joules > 0.0 && wrench.force.length() < 0.9 * WANTED,
         "{joules} J, {wrench:?}"
     );
+}
+
+impl Held {
+    /// A tick with a sample there, or without one.
+    fn go_to(&mut self, place: Option<DVec3>, elapsed: u64) {
+        self.tick += elapsed;
+        let sample = place.map(|position| {
+            Sample::at(Pose {
+                position,
+                ..Pose::IDENTITY
+            })
+        });
+        self.probe.sample(sample, elapsed);
+        let clock = Clock {
+            tick: self.tick,
+            period_s: 1e-3,
+        };
+        let nothing = Rendered::default();
+        self.probe
+            .limit(clock, nothing, CarriedWork::default(), true);
+    }
+}
+
+/// A driver at half the rate of the loop, over a surface that moves along.
+#[test]
+fn motion_goes_on_where_a_sample_is_missing_and_none_of_it_counts_twice() {
+    let mut held = Held::new();
+    let (step, carried) = (DVec3::X * 2e-4, DVec3::new(5e-5, 0.0, 1e-5));
+    let at = |place: DVec3| Pose {
+        position: place,
+        ..Pose::IDENTITY
+    };
+    let mut moved = DVec3::ZERO;
+    for tick in 1..=400u64 {
+        let now = tick as f64;
+        held.tick += 1;
+        let sample = (tick % 2 == 0).then(|| Sample::at(at(step * now)));
+        held.probe.sample(sample, 1);
+        let [before, object] = [now - 1.0, now].map(|ticks| at(carried * ticks));
+        let [motion, a_period] = held.probe.motion_along(Some(&before), &object);
+        if tick > 10 {
+            let off = a_period.linear.distance(step - carried);
+            assert!(off < 1e-9, "tick {tick}: {a_period:?}");
+            assert!((held.probe.speed / step.length() - 1.0).abs() < 1e-9);
+            moved += motion.linear;
+        }
+        held.probe.last = held.probe.pose;
+    }
+    let whole = (step - carried) * 390.0;
+    assert!(moved.distance(whole) < 1e-9, "{moved} of {whole}");
+    // Longer than the force lasts nothing is believed.
+    (0..30).for_each(|_| held.go_to(None, 1));
+    let [_, a_period] = held.probe.motion_along(None, &Pose::IDENTITY);
+    assert_eq!(
+        (a_period, held.probe.velocity),
+        (Twist::default(), DVec3::ZERO)
+    );
+}
+
+#[test]
+fn the_velocity_for_effects_is_even_where_every_other_sample_is_missing() {
+    let mut held = Held::of(
+        false,
+        "effects = [{ viscosity = { damping_ns_per_m = 2.0 } }]",
+    );
+    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+    for tick in 1..=800u64 {
+        let place = (tick % 2 == 0).then(|| DVec3::X * (2e-4 * tick as f64));
+        held.go_to(place, 1);
+        if tick > 2 * RAMP {
+            let force = held.probe.wrench.force.length();
+            (least, most) = (least.min(force), most.max(force));
+        }
+    }
+    assert!(
+        (least - 0.4).abs() < 1e-6 && (most - 0.4).abs() < 1e-6,
+        "{least} to {most} N"
+    );
+}
+
+/// Its spring would pull with 20 N.
+#[test]
+fn a_mass_is_not_left_behind_at_the_place_where_the_device_was() {
+    let mass = "effects = [{ inertia = { mass_kg = 0.2, stiffness_n_per_m = 200.0, damping_ns_per_m = 0.5 } }]";
+    let mut held = Held::of(false, mass);
+    held.probe.set_motion_limits(MotionLimits {
+        speed_m_per_s: 2.0,
+        acceleration_m_per_s2: 100.0,
+        angular_speed_rad_per_s: 50.0,
+    });
+    (0..2 * RAMP).for_each(|_| held.go_to(Some(DVec3::ZERO), 1));
+    let elsewhere = DVec3::X * 0.5;
+    let mut most = 0.0f64;
+    for _ in 0..20 * RAMP {
+        held.go_to(Some(elsewhere), 1);
+        most = most.max(held.probe.wrench.force.length());
+    }
+    let pose = held.probe.pose.map(|pose| pose.position);
+    assert_eq!(pose, Some(elsewhere), "believed");
+    assert!(most < 1e-9, "{most} N");
+}
+
+/// A wrench expires 30 ms after it was written; the hand comes to rest in a stall of 31.
+#[test]
+fn the_velocity_after_a_stall_is_no_more_than_that_of_the_hand() {
+    for stall in [29, 30, 31, 40, 300] {
+        let mut held = Held::of(
+            false,
+            "effects = [{ viscosity = { damping_ns_per_m = 2.0 } }]",
+        );
+        let mut place = 0.0;
+        for _ in 0..2 * RAMP {
+            place += 2e-4;
+            held.go_to(Some(DVec3::X * place), 1);
+        }
+        place += 1e-4 * stall as f64;
+        held.probe.force_was_cut();
+        held.go_to(Some(DVec3::X * place), stall);
+        let speed = held.probe.velocity.x;
+        assert!((speed - 0.1).abs() < 1e-9, "{stall}: {speed} m/s");
+        // It rests: nothing comes later.
+        held.go_to(Some(DVec3::X * place), 1);
+        let speed = held.probe.velocity.length();
+        assert!(speed < 1e-9, "{stall}: {speed} m/s");
+    }
+}
+
+#[test]
+fn a_wrench_that_is_no_number_does_no_work_beside_an_active_effect() {
+    let mut held = Held::of(true, "effects = [{ gravity = { mass_kg = 0.05 } }]");
+    for tick in 0..4 * RAMP {
+        held.tick += 1;
+        let position = DVec3::Z * (-1e-5 * tick as f64);
+        held.probe.sample(
+            Some(Sample::at(Pose {
+                position,
+                ..Pose::IDENTITY
+            })),
+            1,
+        );
+        let mut wanted = Rendered::default();
+        wanted.passive.force = if tick % 3 == 0 {
+            DVec3::NAN
+        } else {
+            DVec3::Z * WANTED
+        };
+        wanted.spring.raised_j = 1e-6;
+        let clock = Clock {
+            tick: held.tick,
+            period_s: 1e-3,
+        };
+        held.probe
+            .limit(clock, wanted, CarriedWork::default(), true);
+        assert!(held.probe.wrench.is_finite());
+        assert!(held.probe.energy.joules().is_finite());
+    }
 }

@@ -31,9 +31,14 @@ impl Inertia {
         Self { plan, mass: None }
     }
 
+    /// The mass starts anew, at rest at the next position of the device.
+    pub fn go_to_new_place(&mut self) {
+        self.mass = None;
+    }
+
     /// Force (newtons) on a device at a position (metres) with a velocity (m/s), world. It advances
     /// the mass by the periods since the last call (symplectic Euler), in which the device moved
-    /// evenly. Over a longer stall than a body makes up for, the mass is carried along.
+    /// evenly. Beyond [`MAX_STEP_PERIODS`] the mass is carried along.
     pub fn force(
         &mut self,
         position: DVec3,

@@ -114,7 +114,7 @@ pub struct DeviceSample<'a> {
     pub pose: &'a Pose,
     /// Its velocity, m/s.
     pub velocity: DVec3,
-    /// Its displacement since the last sample.
+    /// Its displacement since the tick before; zero without a sample.
     pub displacement: DVec3,
     /// Periods since the last call.
     pub elapsed: u64,
@@ -442,6 +442,15 @@ impl SceneEffects {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// The next pose of the device is no motion: the mass of inertia is at rest there.
+    pub fn go_to_new_place(&mut self) {
+        for listed in &mut self.0 {
+            if let SceneEffect::Inertia(of) = &mut listed.effect {
+                of.go_to_new_place();
+            }
+        }
     }
 
     /// Adds the effects on a probe.

@@ -182,8 +182,9 @@ impl Shading {
         normal: DVec3,
         (last, smooth): (Option<DVec3>, Option<DVec3>),
     ) -> DVec3 {
-        let velocity = at.velocity_at(contact.arm);
-        let moved = velocity.length() * at.clock.period_s / self.plan.radius_m;
+        let [elapsed, _] = at.periods;
+        let seconds = elapsed as f64 * at.clock.period_s;
+        let moved = at.velocity_at(contact.arm).length() * seconds / self.plan.radius_m;
         let shaded = match (last, smooth) {
             (Some(last), Some(smooth)) => turned_to(last, smooth, moved * self.plan.max_turn),
             _ => smooth.unwrap_or(normal),
