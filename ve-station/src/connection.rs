@@ -389,7 +389,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
         self.asked_for_files.retain(|&client, &mut since| {
             let is_awaited = now.duration_since(since) < FILES_ASKED;
             if !is_awaited {
-                files.forget(client);
+                files.drop_questions(client);
             }
             is_awaited
         });

@@ -26,7 +26,7 @@ pub const GENERATE_SEED: u64 = 1;
 #[derive(Debug, Error)]
 pub enum DatabaseError {
     /// The operating system says no.
-    #[error("the model {}: {error}; correct the path in the scene (relative paths start at the scene's folder)", path.display())]
+    #[error("the model {}: {error}; correct the path in the scene (relative paths start at its folder) or on the command line (at the current one)", path.display())]
     Open {
         /// The file.
         path: PathBuf,

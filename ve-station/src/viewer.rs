@@ -54,7 +54,11 @@ impl Viewer {
         }
         let (folder, prefix) = match &plan.record.path {
             Some(path) => (
-                path.parent().map(Path::to_path_buf).unwrap_or_default(),
+                // Of a bare name it is empty.
+                match path.parent().filter(|of| !of.as_os_str().is_empty()) {
+                    Some(folder) => folder.to_path_buf(),
+                    None => PathBuf::from("."),
+                },
                 path.file_stem().unwrap_or_default().to_owned(),
             ),
             None => (

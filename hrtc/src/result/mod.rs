@@ -282,6 +282,9 @@ pub struct RunResult {
     /// Ticks in which a tool's proxy ended its step early within its budget. The next ticks
     /// complete the displacement.
     pub early_ticks: u64,
+    /// Distance from the surface at which a tool's contacts act, metres: it feels thicker by that.
+    /// 0 for a ball.
+    pub contact_offset_m: f64,
     /// Contacts of a tool found after the step that they should have stopped.
     pub late_contacts: u64,
     /// Ticks with a tool that the surface has moved into or over and that knows no way out.
@@ -294,6 +297,8 @@ pub struct RunResult {
     /// paid for where a contact is found late, or withheld by energy account or limits.
     #[serde(default)]
     pub force_withheld: ShortSpread,
+    /// Most force that was allowed, newtons: by the scene, the device and the command line.
+    pub force_limit_n: f64,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,
     /// The same over the periods between the two, newtons a period: after skipped ones the hand has

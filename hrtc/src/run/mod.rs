@@ -227,6 +227,7 @@ pub fn run_until(
     let monitor = Monitor {
         args,
         plan,
+        max_force_n: setup.max_force_n,
         shared: &shared,
         other_version: &other_version,
         started_ns,

@@ -31,6 +31,8 @@ pub(super) struct Monitor<'a> {
     pub args: &'a RunArgs,
     /// The plan, with the limits of the devices in it.
     pub plan: &'a ScenePlan,
+    /// Most force by the devices and the command line, newtons.
+    pub max_force_n: f64,
     pub shared: &'a Shared,
     /// Protocol version of a foreign peer; 0 when none was heard.
     pub other_version: &'a AtomicU32,
@@ -147,7 +149,7 @@ impl Monitor<'_> {
         if other != 0 && other != printed.other_version {
             printed.other_version = other;
             note!(
-                "a station here speaks protocol version {other}, this program another: install the same release on both sides"
+                "a program here speaks protocol version {other}, this one another: install the same release everywhere"
             );
         }
         self.check_objects(printed);
@@ -239,6 +241,7 @@ impl Monitor<'_> {
         let result = &mut finished.result;
         result.safety.tick_panics = u64::from(end.panic.is_some());
         result.safety.recording_errors = drained.recording_errors;
+        result.force_limit_n = self.plan.safety.force_max_n.min(self.max_force_n);
         result.link_bytes = self.shared.traffic.bytes();
         if result.bytes_received > 0 {
             // The tick counts whole chunks; over a line they travel compact.

@@ -82,6 +82,9 @@ pub(super) fn add_lod(result: &mut RunResult, controller: &Controller, rate_hz: 
     result.capacities = controller.capacities();
     result.moved = controller.movables().report();
     result.front_hash = folded(controller.front_hash());
+    let offsets = controller.active_objects().iter();
+    let offsets = offsets.map(|object| object.contact_offset_m());
+    result.contact_offset_m = offsets.fold(0.0, f64::max);
     let first = controller
         .active_objects()
         .iter()

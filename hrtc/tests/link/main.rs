@@ -1,5 +1,7 @@
 //! The two connection agents over real iceoryx2, in one process, each test in a domain of its own.
 
+mod clients;
+
 use bytemuck::Zeroable;
 use hrtc::link::{ChunkRecorder, Link, LinkEndpoints, LinkHandle, LinkOptions, LinkReport};
 use hrtc::tuning::INBOX_CAPACITY;
@@ -243,26 +245,6 @@ fn a_link_that_died_is_noticed_and_can_be_stopped() {
     served.stop();
 }
 
-/// Its topic is opened once, not instead of the others'.
-#[test]
-fn who_asks_for_a_file_and_does_not_listen_keeps_no_one_waiting() {
-    let (domain, bytes) = (domain("unheard"), torus());
-    let served = Served::start(&domain, 79, bytes);
-    let mut asks = Tick::start(&domain);
-    asks.wait_for_station(79);
-    for nobody in 1000..1003 {
-        asks.request(RequestKind::File, |request| request.client = nobody);
-    }
-    until("the questions", || asks.requests.slots() == 64);
-    let mut newcomer = Tick::start_as(CLIENT + 1, &domain);
-    newcomer.wait_for_station(79);
-    newcomer.request(RequestKind::Model, |_| {});
-    assert!(!newcomer.answer().is_empty());
-    assert!(newcomer.link.stop().is_some());
-    assert!(asks.link.stop().is_some());
-    served.stop();
-}
-
 #[test]
 fn a_model_a_region_and_a_measured_contact_cross_real_shared_memory() {
     let plain = cross(Encoding::Plain);
@@ -436,77 +418,6 @@ fn a_station_that_comes_late_or_again_is_seen_and_one_that_leaves_is_missed() {
         served.stop();
     }
     tick.wait_for_station(0);
-}
-
-#[test]
-fn places_of_controllers_that_ended_are_free_at_once() {
-    let domain = domain("ended");
-    let served = Served::start(&domain, 21, torus());
-    let mut next = Tick::start_as(CLIENT, &domain);
-    let others = (1..=MAX_CLIENTS as u64).map(|k| Tick::start_as(CLIENT + k, &domain));
-    let mut others: Vec<Tick> = others.collect();
-    for other in &mut others {
-        other.wait_for_station(21);
-        other.request(RequestKind::Model, |_| {});
-        other.answer();
-    }
-    // A lost request: the station hears no more of this epoch.
-    others[3].next += 1;
-    others[3].request(RequestKind::Credit, |_| {});
-    for other in others {
-        // Its end may take longer on a slow machine than a stop waits: what counts is its place.
-        let _ = other.link.stop();
-    }
-    next.request(RequestKind::Model, |_| {});
-    let chunks = next.answer();
-    assert_eq!(chunks[0].header.kind, ChunkKind::Model as u32);
-    drop(next);
-    assert_eq!(served.stop().turned_away, 0);
-}
-
-#[test]
-fn the_place_of_a_controller_that_died_is_free_when_it_was_silent() {
-    let domain = domain("silent");
-    let served = Served::start(&domain, 22, torus());
-    let mut next = Tick::start_as(CLIENT, &domain);
-    next.wait_for_station(22);
-    let node = domain.node().unwrap();
-    let topic = domain.subscribe_service(&node).unwrap();
-    let requests = domain.request_sender(&topic).unwrap();
-    let last = CLIENT + MAX_CLIENTS as u64;
-    let records = domain.records_service(&node, last).unwrap();
-    let records = domain.subscriber(&records, "receive records").unwrap();
-    until("an answer to the last", || {
-        // Again and again: a slow machine opens so many topics later than it forgets the silent.
-        for client in CLIENT + 1..=last {
-            let mut request = Request::zeroed();
-            request.client = client;
-            request.credit = 1;
-            request.name = Request::name_hash("torus");
-            request.kind = RequestKind::Model as u32;
-            requests.send(&request).unwrap();
-        }
-        thread::sleep(Duration::from_millis(HELLO_PERIOD_MS));
-        records.receive().unwrap().is_some()
-    });
-    let (mut epoch, mut turned_away) = (0, 0);
-    until("the model", || {
-        (next.next, next.consumed) = (0, 0);
-        epoch += 1;
-        next.request(RequestKind::Model, |request| request.epoch = epoch);
-        let chunks = next.answer();
-        let header = chunks[0].header;
-        if header.kind == ChunkKind::Model as u32 {
-            return true;
-        }
-        assert_eq!(Refusal::from_code(header.code), Some(Refusal::NoPlace));
-        turned_away += 1;
-        thread::sleep(Duration::from_millis(HELLO_PERIOD_MS));
-        false
-    });
-    drop(next);
-    assert!(turned_away > 0);
-    assert_eq!(served.stop().turned_away, turned_away);
 }
 
 #[test]

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 /// Arguments of `rt-tests export`.
 #[derive(Debug, Args)]
+#[command(override_usage = "rt-tests export <FILE> --csv [<DIR>]")]
 pub struct ExportArgs {
     /// A file of a recording
     pub file: PathBuf,

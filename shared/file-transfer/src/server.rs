@@ -111,7 +111,7 @@ impl FileServer {
     }
 
     /// Drops what a client asked for.
-    pub fn forget(&mut self, client: u64) {
+    pub fn drop_questions(&mut self, client: u64) {
         self.waiting.remove(&client);
     }
 

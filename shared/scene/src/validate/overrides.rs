@@ -57,6 +57,9 @@ fn apply_to_path(plan: &mut ScenePlan, overrides: &Overrides) -> Result<(), Stri
             *path_seed = seed.unwrap_or(*path_seed);
             Ok(())
         }
+        Some(TrajectoryPlan::Points(points)) if points.is_empty() => Err(
+            "--speed and --seed belong to a tour, but this scene's device has no trajectory; leave them out".to_string(),
+        ),
         _ => Err(
             "--speed and --seed belong to a tour, but this scene's trajectory is a CSV file; leave them out or give the scene a tour".to_string(),
         ),

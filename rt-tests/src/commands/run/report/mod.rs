@@ -94,7 +94,6 @@ impl Report<'_> {
         if r.contact_ticks == 0 {
             return vec!["nothing was touched".to_string()];
         }
-        let safety = &self.plan.safety;
         let mut lines = vec![
             format!(
                 "{:.1} s in contact ({} ticks); force p50 {:.2} N, p99 {:.2} N, max {:.2} N, at most {:.2} N of change a tick",
@@ -108,7 +107,7 @@ impl Report<'_> {
             format!(
                 "{} tick(s) clamped at {} N, {} sample(s) rejected; deepest {} behind the surface",
                 r.clamped_ticks,
-                safety.force_max_n,
+                r.force_limit_n,
                 r.rejected_samples,
                 length(r.depth_m_max)
             ),
@@ -119,6 +118,12 @@ impl Report<'_> {
             percent_of(r.force_withheld.p99),
             percent_of(r.force_withheld.max)
         ));
+        if r.contact_offset_m > 0.0 {
+            lines.push(format!(
+                "a tool's contacts act {} off the surface: it feels thicker by that",
+                length(r.contact_offset_m)
+            ));
+        }
         if r.stuck_ticks > 0 {
             lines.push(format!(
                 "in {} tick(s) a tool was stuck in a surface that had moved into it",

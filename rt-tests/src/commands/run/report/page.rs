@@ -96,7 +96,7 @@ impl Report<'_> {
     }
 
     fn force_charts(&self) -> Vec<Chart> {
-        let limit = self.plan.safety.force_max_n;
+        let limit = self.finished.result.force_limit_n;
         let force = self.curve("force", COLORS[0], Stroke::Line, |b| Some(b.force_n));
         let mut chart = self.linear("Force on the hand", "force, N", force);
         // A limit far above the data would press the curve flat.

@@ -47,6 +47,8 @@ fn finished(contact: bool) -> Finished {
         ..RunMeta::default()
     });
     finished.result.greatest_speed_m_per_s = 0.05;
+    finished.result.contact_offset_m = 5e-6;
+    finished.result.force_limit_n = 10.0;
     finished.result.rings_m = vec![0.0, 1e-5, 2e-4];
     finished.result.capacities = vec![Capacity::new("regions known", 100, 7)];
     finished
@@ -92,6 +94,9 @@ fn a_report_is_written_whole_and_its_pictures_stand_in_it_and_beside_it() {
         } else {
             "nothing was touched"
         }));
+        let thicker = "contacts act 5 µm off the surface";
+        assert_eq!(words.contains(thicker), contact, "{words}");
+        assert_eq!(words.contains("clamped at 10 N"), contact, "{words}");
         assert!(words.contains("a note"));
         assert!(words.contains("rings around it for 10 µm, 200 µm"));
         assert!(words.contains("regions known: at most 7 of 100 in use"));
