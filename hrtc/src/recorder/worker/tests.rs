@@ -97,7 +97,7 @@ fn files_of_a_scene_that_leave_no_room_for_ticks_are_refused_with_what_they_need
     };
     assert!(start(&files, 16 << 20).is_ok());
     let height_map = folder.path().join("large.png");
-    files.contents.insert(height_map, vec![0; 5 << 20].into());
+    files.contents.insert(height_map, vec![0; 5 << 20]);
     let Err(RecordingError::Room(needed)) = start(&files, 16 << 20) else {
         panic!("it begins");
     };

@@ -38,7 +38,7 @@ impl Inertia {
 
     /// Force (newtons) on a device at a position (metres) with a velocity (m/s), world. It advances
     /// the mass by the periods since the last call (symplectic Euler), in which the device moved
-    /// evenly. Beyond [`MAX_STEP_PERIODS`] the mass is carried along.
+    /// evenly. Beyond as many as a body makes up for by longer steps the mass is carried along.
     pub fn force(
         &mut self,
         position: DVec3,
