@@ -36,7 +36,7 @@ pub const WATCHDOG_STACK_BYTES: usize = 128 << 10;
 /// Stack of the thread that hears signals, bytes: it sets flags only.
 pub const SIGNALS_STACK_BYTES: usize = 128 << 10;
 
-/// Time between two looks of the main thread at the log.
+/// Time between two looks of the main thread at the log, and of another at requests to end.
 pub const DRAIN_PERIOD: Duration = Duration::from_millis(10);
 /// Time between two status lines of a supervised run, ns: 5 a second.
 pub const STATUS_PERIOD_NS: u64 = 200_000_000;

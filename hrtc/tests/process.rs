@@ -18,6 +18,11 @@ impl Run {
 
     /// With these lines in `[loop]`.
     fn start_with(lines: &str, name: &str, arguments: &[&str]) -> Self {
+        Self::start_into(Stdio::piped(), lines, name, arguments)
+    }
+
+    /// With a standard output.
+    fn start_into(output: Stdio, lines: &str, name: &str, arguments: &[&str]) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("alone.toml");
         let text =
@@ -31,7 +36,7 @@ impl Run {
             .env("XDG_STATE_HOME", folder.path())
             .args(arguments)
             .stdin(Stdio::null())
-            .stdout(Stdio::piped())
+            .stdout(output)
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
@@ -116,6 +121,33 @@ fn every_signal_ends_the_run_with_its_report() {
         assert_eq!(status.code(), Some(0), "{signal}: {status}");
         assert!(result["ticks"].as_u64().unwrap() > 0, "{signal}");
     }
+}
+
+/// The main thread waits for whoever reads its lines.
+#[test]
+fn a_signal_ends_the_force_where_nobody_reads_the_output() {
+    let (unread, mut output) = std::io::pipe().unwrap();
+    // A pipe's room (pipe(7)).
+    output.write_all(&[b' '; 1 << 16]).unwrap();
+    let run = Run::start_into(output.into(), "core = -1", "unread", &["--supervised"]);
+    let tasks = format!("/proc/{}/task", run.child.id());
+    let ticks = || {
+        let threads = std::fs::read_dir(&tasks).unwrap();
+        let names =
+            threads.filter_map(|of| std::fs::read_to_string(of.ok()?.path().join("comm")).ok());
+        names.into_iter().any(|name| name.trim_end() == "hrtc-tick")
+    };
+    let until = |ended: bool| {
+        let start = std::time::Instant::now();
+        while ticks() == ended {
+            assert!(start.elapsed().as_secs() < 60, "it ticks: {}", ticks());
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    };
+    until(false);
+    run.signal("-TERM");
+    until(true);
+    drop(unread);
 }
 
 #[test]

@@ -32,6 +32,8 @@ enum Fault {
     Panics,
     /// Hangs until the watchdog has stopped it.
     Hangs,
+    /// The same, in the write of its wrench.
+    HangsInWrite,
     /// Asks the run to end at once.
     IsSwitchedOff,
     /// The same, and hangs until the test ends.
@@ -55,8 +57,9 @@ struct Told {
     with_ramp: AtomicBool,
     at_once: AtomicBool,
     is_over: AtomicBool,
-    /// A wrench was valid for longer than it may.
+    /// A wrench was valid for longer than it may, or had expired.
     too_long: AtomicBool,
+    too_late: AtomicBool,
 }
 
 impl Told {
@@ -82,6 +85,15 @@ struct Tapper {
 }
 
 impl Tapper {
+    /// The fault, if it is one of these and the ball pushes.
+    fn may_happen(&mut self, which: impl Fn(Fault) -> bool) {
+        if self.force > PUSHED
+            && let Some(fault) = self.fault.take_if(|fault| which(*fault))
+        {
+            self.happens(fault);
+        }
+    }
+
     fn happens(&mut self, fault: Fault) {
         self.told.note(Event::Fault);
         let wait = |flag: &AtomicBool| {
@@ -91,7 +103,7 @@ impl Tapper {
         };
         match fault {
             Fault::Panics => panic!("made on purpose in the device"),
-            Fault::Hangs => wait(&self.told.stopped),
+            Fault::Hangs | Fault::HangsInWrite => wait(&self.told.stopped),
             Fault::IsSwitchedOff => self.told.at_once.store(true, Ordering::Release),
             Fault::HangsForGood => {
                 self.told.at_once.store(true, Ordering::Release);
@@ -107,19 +119,19 @@ impl Device for Tapper {
     }
     fn read(&mut self, time: TickTime) -> Option<Sample> {
         self.ticks += u64::from(time.periods);
-        if self.force > PUSHED
-            && let Some(fault) = self.fault.take()
-        {
-            self.happens(fault);
-        }
+        self.may_happen(|fault| fault != Fault::HangsInWrite);
         // 0.4 s a tap, down to 2 mm in the ball.
         let phase = std::f64::consts::TAU * (self.ticks % 400) as f64 / 400.0;
         let z = 0.054 + 0.005 * phase.cos();
         Some(Sample::at(Pose::at(DVec3::Z * z)))
     }
     fn write(&mut self, command: WrenchCommand) {
+        let is_late =
+            command.wrench.force != DVec3::ZERO && command.valid_until_ns < monotonic_ns();
+        self.told.too_late.fetch_or(is_late, Ordering::Relaxed);
         self.force = command.wrench.force.length();
         self.told.note(Event::Wrote(self.force));
+        self.may_happen(|fault| fault == Fault::HangsInWrite);
         let most = monotonic_ns() + COMMAND_VALIDITY_NS;
         let too_long = self.force > 0.0 && command.valid_until_ns > most;
         self.told.too_long.fetch_or(too_long, Ordering::Relaxed);
@@ -159,10 +171,20 @@ fn record_with_fault(
     fault: Fault,
     record: &Path,
 ) -> (Result<(), RunError>, Vec<Event>) {
+    record_beside(&Arc::default(), name, fault, record)
+}
+
+/// The same; a second device that taps alike tells it.
+fn record_beside(
+    beside: &Arc<Told>,
+    name: &str,
+    fault: Fault,
+    record: &Path,
+) -> (Result<(), RunError>, Vec<Event>) {
     let folder = tempfile::tempdir().unwrap();
     ball(folder.path());
     let scene = folder.path().join("tap.toml");
-    let text = "[[object]]\nmodel = \"ball.spm\"\nsize_m = 0.1\n[loop]\ncore = -1\n[safety]\nramp_s = 0.2\n[[probe]]\ndevice = { custom = { name = \"tapper\" } }\n";
+    let text = "[[object]]\nmodel = \"ball.spm\"\nsize_m = 0.1\n[loop]\ncore = -1\n[safety]\nramp_s = 0.2\n[[probe]]\ndevice = { custom = { name = \"tapper\" } }\n[[probe]]\ndevice = { custom = { name = \"second\" } }\n";
     std::fs::write(&scene, text).unwrap();
     let domain = format!("safety-{name}-{}", std::process::id());
     let served = ServeArgs {
@@ -174,15 +196,16 @@ fn record_with_fault(
     };
     let told = Arc::new(Told::default());
     let registry = {
-        let told = Arc::clone(&told);
-        DeviceRegistry::new().with("tapper", move |_| {
-            Ok(Box::new(Tapper {
-                fault: Some(fault),
-                told: Arc::clone(&told),
-                ticks: 0,
-                force: 0.0,
-            }))
-        })
+        let tapper = |fault: Option<Fault>, told: &Arc<Told>| Tapper {
+            fault,
+            told: Arc::clone(told),
+            ticks: 0,
+            force: 0.0,
+        };
+        let (told, beside) = (Arc::clone(&told), Arc::clone(beside));
+        DeviceRegistry::new()
+            .with("tapper", move |_| Ok(Box::new(tapper(Some(fault), &told))))
+            .with("second", move |_| Ok(Box::new(tapper(None, &beside))))
     };
     let mut args = RunArgs::new(&scene, &domain);
     args.record = Some(record.into());
@@ -267,13 +290,38 @@ fn a_tick_that_hangs_is_stopped_by_the_watchdog_and_comes_back_softly() {
     assert_eq!(after.last(), Some(&Event::Off));
 }
 
+/// The wrench of the second device is computed before the first one hangs, and is to be written
+/// after the watchdog has stopped both.
+#[test]
+fn a_device_that_hangs_in_a_write_leaves_no_expired_force_on_the_next() {
+    let beside = Arc::default();
+    let (ended, events) = record_beside(&beside, "write", Fault::HangsInWrite, "off".as_ref());
+    ended.unwrap();
+    assert!(events.contains(&Event::Fault) && events.contains(&Event::Stopped));
+    assert!(!beside.too_late.load(Ordering::Relaxed), "expired");
+    let events = beside.events.lock().unwrap().clone();
+    let at = events.iter().position(|event| *event == Event::Stopped);
+    let at = at.expect("the watchdog stops both");
+    let before = events[..at].iter().rev().find_map(force).unwrap();
+    assert!(before > 0.5 * PUSHED, "{before} N");
+    let after: Vec<f64> = events[at..].iter().filter_map(force).collect();
+    for (k, force) in after.iter().enumerate().take(RAMP as usize) {
+        let most = MOST * k as f64 / RAMP;
+        assert!(*force <= most, "write {k}: {force} N");
+    }
+}
+
 #[test]
 fn a_run_that_is_switched_off_leaves_no_force() {
     let (ended, _, after) = run_with_fault("off", Fault::IsSwitchedOff);
     assert!(matches!(ended, Err(RunError::SwitchedOff)));
     assert!(after.contains(&Event::Off));
     // Tick and watchdog switch off, in either order.
-    assert!(matches!(after.last(), Some(Event::Off | Event::Stopped)));
+    let last = after.last();
+    assert!(
+        matches!(last, Some(Event::Off | Event::Stopped)),
+        "{after:?}"
+    );
 }
 
 #[test]

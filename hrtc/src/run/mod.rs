@@ -30,8 +30,8 @@ use crate::result::Accumulator;
 use crate::setup::{ControllerSetup, ForceLimits};
 use crate::tick_record::TickRecord;
 use crate::tuning::{
-    INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, TICK_STACK_BYTES, TOUR_SECONDS,
-    WATCHDOG_STACK_BYTES,
+    DRAIN_PERIOD, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, SIGNALS_STACK_BYTES,
+    TICK_STACK_BYTES, TOUR_SECONDS, WATCHDOG_STACK_BYTES,
 };
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
@@ -235,7 +235,9 @@ pub fn run_until(
         link: &link,
         watchdog: &watchdog,
     };
-    let drained = monitor.drain(run, log, recording.as_mut(), stop);
+    let drained = hearing(stop, &shared, &watchdog, || {
+        monitor.drain(run, log, recording.as_mut(), stop)
+    })?;
     let end = tick.join(&drained);
     let ended = monitor.conclude(drained, end);
     stop_link(link);
@@ -251,6 +253,50 @@ fn new_shared(plan: &ScenePlan) -> Arc<Shared> {
         object_faults: Mutex::new(Vec::with_capacity(plan.objects.len() + plan.probes.len())),
         ..Shared::default()
     })
+}
+
+/// Runs `drain`, and tells tick and watchdog of requests to end meanwhile, also where it waits for
+/// an output that nobody reads.
+///
+/// # Errors
+/// When the operating system gives no thread.
+fn hearing<T>(
+    stop: StopFlags<'_>,
+    shared: &Shared,
+    watchdog: &Watchdog,
+    drain: impl FnOnce() -> T,
+) -> Result<T, RunError> {
+    let is_over = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let hear = || {
+            while !is_over.load(Ordering::Acquire) {
+                if stop.with_ramp.load(Ordering::Relaxed) {
+                    shared.stop.store(true, Ordering::Relaxed);
+                }
+                if stop.at_once.load(Ordering::Relaxed) {
+                    shared.off.store(true, Ordering::Release);
+                    watchdog.wake();
+                }
+                std::thread::sleep(DRAIN_PERIOD);
+            }
+        };
+        std::thread::Builder::new()
+            .name("hrtc-stop".to_string())
+            .stack_size(SIGNALS_STACK_BYTES)
+            .spawn_scoped(scope, hear)
+            .map_err(RunError::Thread)?;
+        // Also after a panic.
+        let _over = SetWhenDropped(&is_over);
+        Ok(drain())
+    })
+}
+
+struct SetWhenDropped<'a>(&'a AtomicBool);
+
+impl Drop for SetWhenDropped<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Release);
+    }
 }
 
 /// The tick thread. Dropping it, by an early return or a panic of the main thread, ends it with its

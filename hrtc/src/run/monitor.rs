@@ -89,6 +89,9 @@ impl Monitor<'_> {
             let ended = self.shared.ended.load(Ordering::Acquire);
             drain_once(&mut log, recording.as_deref_mut(), &mut drained.run);
             if ended {
+                if self.shared.off.load(Ordering::Acquire) {
+                    drained.error.get_or_insert(RunError::SwitchedOff);
+                }
                 break;
             }
             let error = self.check(&mut printed);

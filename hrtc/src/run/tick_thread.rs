@@ -6,6 +6,7 @@
 
 use super::probe_device::ProbeDevice;
 use super::shared::Shared;
+use super::watchdog::Lease;
 use crate::recorder::OutputTap;
 use crate::tick_record::{STAGES, TickRecord};
 use crate::time_answers::{NotedAnswers, TimeAnswers};
@@ -174,6 +175,14 @@ struct Ticked {
     cache_limit: Option<u64>,
 }
 
+/// Takes the lease for a wrench that is about to be written. Time until which it is valid, ns;
+/// `None` when the last ones have expired.
+fn extend(lease: &Lease) -> Option<u64> {
+    let now = monotonic_ns();
+    let until = now + COMMAND_VALIDITY_NS;
+    lease.extend(now, until).then_some(until)
+}
+
 impl TickThread {
     /// Ticks until the force has ramped down after a request to stop, or until a panic.
     pub fn run(self) -> TickThreadEnd {
@@ -236,11 +245,11 @@ impl TickThread {
         let steps = panic_steps(&self.plan);
         for left in (0..steps).rev() {
             let share = f64::from(left) / f64::from(steps);
-            let Some(valid_until_ns) = self.extend_lease() else {
-                return;
-            };
             let devices = self.devices.iter_mut().zip(from).zip(&mut answers);
             for ((device, &wrench), answers) in devices.filter(|(_, answers)| **answers) {
+                let Some(valid_until_ns) = extend(&self.shared.lease) else {
+                    return;
+                };
                 let command = WrenchCommand {
                     wrench: wrench * share,
                     valid_until_ns,
@@ -252,14 +261,6 @@ impl TickThread {
             }
             pacer.wait();
         }
-    }
-
-    /// Takes the lease for the wrenches that are about to be written. Time until which they are
-    /// valid, ns; `None` when the last ones have expired.
-    fn extend_lease(&self) -> Option<u64> {
-        let now = monotonic_ns();
-        let until = now + COMMAND_VALIDITY_NS;
-        self.shared.lease.extend(now, until).then_some(until)
     }
 
     /// Asks for the real-time rights; deep sleep is kept away as long as the result lives.
@@ -373,31 +374,35 @@ impl TickThread {
     }
 
     /// Sends each device its wrench; zero when the wrench before has expired, since the device is
-    /// at zero then. The force rises from there in the next tick.
+    /// at zero then. The force rises from there in the next tick. Where a device took so long to
+    /// take its wrench that those before expired, all go to zero.
     fn render(&mut self, lasting: &mut Lasting) {
-        let lease = self.extend_lease();
-        lasting.force_cut = lease.is_none();
-        if lasting.force_cut {
-            self.shared.force_cuts.fetch_add(1, Ordering::Relaxed);
-        }
-        // A zero wrench does not expire.
-        let valid_until_ns = lease.unwrap_or(u64::MAX);
-        for ((device, &wanted), written) in self
-            .devices
-            .iter_mut()
-            .zip(&lasting.outputs.wrenches)
-            .zip(&mut lasting.written)
-        {
-            *written = if lasting.force_cut {
-                Wrench::ZERO
-            } else {
-                wanted
-            };
+        let mut is_cut = false;
+        let devices = self.devices.iter_mut().zip(&lasting.outputs.wrenches);
+        for ((device, &wanted), written) in devices.zip(&mut lasting.written) {
+            // A zero wrench does not expire.
+            let mut valid_until_ns = u64::MAX;
+            if !is_cut {
+                let lease = extend(&self.shared.lease);
+                is_cut = lease.is_none();
+                valid_until_ns = lease.unwrap_or(u64::MAX);
+            }
+            *written = if is_cut { Wrench::ZERO } else { wanted };
             device.device.write(WrenchCommand {
                 wrench: *written,
                 valid_until_ns,
             });
         }
+        is_cut |= self.shared.lease.has_run_out(monotonic_ns());
+        if is_cut {
+            self.shared.force_cuts.fetch_add(1, Ordering::Relaxed);
+            // What was written before, or came late.
+            let devices = self.devices.iter_mut().zip(&lasting.written);
+            for (device, _) in devices.filter(|(_, written)| **written != Wrench::ZERO) {
+                device.device.safe_off();
+            }
+        }
+        lasting.force_cut = is_cut;
     }
 
     /// Hands requests and contacts to the link. A full ring loses a request; the gap in the request

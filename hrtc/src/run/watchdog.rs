@@ -1,11 +1,12 @@
 //! The watchdog: zero force when the tick does not write any more.
 //!
-//! Every tick renews a [`Lease`] when it writes its wrenches; a lease lasts as long as a wrench is
+//! The tick renews a [`Lease`] before it writes each wrench; a lease lasts as long as a wrench is
 //! valid. The watchdog's thread sleeps until the lease that it saw would end. If it was not renewed
 //! by then, it claims the lease, brings the devices to zero through their [`SafeStop`] handles and
 //! counts the event. A tick that comes back finds its lease lost: it writes zero, and the force
-//! rises from zero along the ramp. Claim and renewal exchange one atomic value, so no stop of the
-//! watchdog can fall between a renewal and its wrench.
+//! rises from zero along the ramp. Claim and renewal exchange one atomic value. Where a wrench took so
+//! long to be written that a stop fell before it, the tick finds its lease lost after all writes,
+//! and brings the devices to zero again.
 
 use super::shared::Shared;
 use crate::tuning::{COMMAND_VALIDITY_NS, WATCHDOG_STACK_BYTES};
