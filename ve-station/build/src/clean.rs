@@ -110,15 +110,18 @@ fn dropped(triangles: &mut Vec<[u32; 3]>, keep: impl FnMut(&[u32; 3]) -> bool) -
     (before - triangles.len()) as u64
 }
 
-/// Zero, or the centre of a model that lies far from its own origin.
+/// Zero, or the centre of a model that lies far from its own origin. Triangles that are no faces,
+/// with the same corner twice or one beyond f32, tell nothing of where it lies.
 fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
     let mut lower = DVec3::INFINITY;
     let mut upper = DVec3::NEG_INFINITY;
-    for &v in triangles.as_flattened() {
-        let p = DVec3::from_array(positions[v as usize]);
-        if p.is_finite() {
-            lower = lower.min(p);
-            upper = upper.max(p);
+    for triangle in triangles {
+        let [a, b, c] = triangle.map(|v| DVec3::from_array(positions[v as usize]));
+        let (least, most) = (a.min(b).min(c), a.max(b).max(c));
+        let size = least.abs().max(most.abs()).max_element();
+        let is_finite = a.is_finite() && b.is_finite() && c.is_finite();
+        if is_finite && size <= f64::from(f32::MAX) && a != b && b != c && c != a {
+            (lower, upper) = (lower.min(least), upper.max(most));
         }
     }
     let centre = lower * 0.5 + upper * 0.5;
@@ -197,4 +200,34 @@ fn why_empty(summary: &BuildSummary) -> String {
         .map(|(count, what)| format!("{count} {what}"))
         .collect();
     format!("of {} in the file {}", summary.read_faces, parts.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_no_face_does_not_tell_where_a_model_lies() {
+        let far = [4e5, 5.6e6, 100.0];
+        let corner = |x: f64, y: f64| [far[0] + x, far[1] + y, far[2]];
+        let mut positions = vec![corner(0.0, 0.0), corner(200.0, 0.0), corner(0.0, 200.0)];
+        positions.extend([[0.0; 3], [1e39, 0.0, 0.0], [f64::NAN; 3]]);
+        let face = [0, 1, 2];
+        let middle = DVec3::from_array(corner(100.0, 100.0));
+        assert_eq!(choose_origin(&positions, &[face]), middle);
+        for other in [[3, 3, 3], [0, 3, 0], [0, 4, 1], [0, 5, 1]] {
+            assert_eq!(
+                choose_origin(&positions, &[other, face]),
+                middle,
+                "{other:?}"
+            );
+        }
+        let [near, whole] = [[3, 1, 2], [0, 1, 3]].map(|other| choose_origin(&positions, &[other]));
+        assert_eq!(
+            [near, whole],
+            [DVec3::ZERO; 2],
+            "about as large as it is far"
+        );
+        assert_eq!(choose_origin(&positions, &[]), DVec3::ZERO);
+    }
 }

@@ -1,11 +1,12 @@
 //! STL, text or binary. The format repeats the corners of every face, so equal ones become one
-//! vertex: equal to the last bit that an f32 has at the model's size. (Writers leave noise of 1e-17
+//! vertex: equal to the last bit that an f32 has at the model's size, wherever its origin is. (Writers leave noise of 1e-17
 //! where others write 0; an exact comparison would tear the model there.)
 
 use super::Soup;
 use super::text::{Lines, excerpt, number, words};
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
+use glam::DVec3;
 use rayon::prelude::*;
 
 /// Bytes before the triangles of a binary file.
@@ -74,7 +75,7 @@ fn is_text(bytes: &[u8]) -> bool {
 fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
     let bytes = super::text::decoded(bytes)?;
     let mut soup = Soup::default();
-    let mut positions: Vec<[f32; 3]> = Vec::new();
+    let mut positions: Vec<[f64; 3]> = Vec::new();
     // Numbers of the corners of the loop that is open.
     let mut corners: Option<Vec<u32>> = None;
     // Coordinates of the vertex that is being read, or of a normal.
@@ -93,7 +94,7 @@ fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
                 if in_vertex && coordinates.len() == 3 {
                     let open = corners.as_mut().ok_or_else(|| bad("no vertex in a loop"))?;
                     open.push(positions.len() as u32);
-                    positions.push([0, 1, 2].map(|k| coordinates[k] as f32));
+                    positions.push([0, 1, 2].map(|k| coordinates[k]));
                     coordinates.clear();
                     in_vertex = false;
                 }
@@ -122,7 +123,7 @@ fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
             reason: "the STL mesh ends within a face: copy or export it again".to_string(),
         });
     }
-    soup.mesh.positions = positions.iter().map(|p| p.map(f64::from)).collect();
+    soup.mesh.positions.clone_from(&positions);
     Ok(welded(soup.finish(), &positions))
 }
 
@@ -134,15 +135,26 @@ fn refused(reason: &str) -> BuildError {
 }
 
 /// One vertex for each position, that of its first use; triangles name corners so far.
-fn welded(mut mesh: SoupMesh, corners: &[[f32; 3]]) -> SoupMesh {
-    let extent = corners
+fn welded<T: Copy + Into<f64> + Sync>(mut mesh: SoupMesh, corners: &[[T; 3]]) -> SoupMesh {
+    let place = |p: [T; 3]| DVec3::from_array(p.map(Into::into));
+    let nowhere = || [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    let [lower, upper] = corners
         .par_iter()
-        .flatten()
-        .filter(|x| x.is_finite())
-        .map(|x| x.abs())
-        .reduce(|| 0.0, f32::max);
+        .map(|&p| place(p))
+        .filter(|p| p.abs().max_element() <= f64::from(f32::MAX))
+        .map(|p| [p; 2])
+        .reduce(nowhere, |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+    // Relative to its middle a model far from its own origin has as many bits as another.
+    let centre = (lower * 0.5 + upper * 0.5).to_array();
+    // Twice it is a number, too.
+    let extent = ((0.5 * (upper - lower).max_element()) as f32).min(f32::MAX / 4.0);
     // Adding the extent and taking it away again leaves the bits that count at this size.
-    let key = |p: [f32; 3]| p.map(|x| ((x + extent) - extent + 0.0).to_bits());
+    let key = |p: [T; 3]| {
+        [0, 1, 2].map(|k| {
+            let x = (p[k].into() - centre[k]) as f32;
+            ((x + extent) - extent + 0.0).to_bits()
+        })
+    };
     let mut order: Vec<([u32; 3], u32)> = corners
         .par_iter()
         .zip(0..corners.len() as u32)
@@ -162,7 +174,7 @@ fn welded(mut mesh: SoupMesh, corners: &[[f32; 3]]) -> SoupMesh {
         let first = first_use[at] as usize;
         if first == at {
             first_use[at] = mesh.positions.len() as u32;
-            mesh.positions.push(corners[at].map(f64::from));
+            mesh.positions.push(corners[at].map(Into::into));
         } else {
             first_use[at] = first_use[first];
         }

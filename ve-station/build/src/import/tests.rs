@@ -127,6 +127,42 @@ fn stl_reads_text_of_several_solids_and_binary_that_starts_like_text() {
     assert!(triangles_of(&binary, "stl").is_err());
 }
 
+/// A kerb of 15 cm in metres of a national grid; and noise where others write 0.
+#[test]
+fn stl_far_from_its_origin_keeps_every_bit_and_its_own_corners() {
+    for (origin, noise) in [([4e5, 5.6e6, 120.0], 0.0), ([0.0; 3], 1e-17)] {
+        let vertex = |p: [f64; 3], noise: f64| {
+            let [x, y, z] = [0, 1, 2].map(|k| origin[k] + p[k] + noise);
+            format!("vertex {x:.20} {y:.20} {z:.20}\n")
+        };
+        let face = |corners: [[f64; 3]; 3], noise: f64| {
+            let corners = corners.map(|p| vertex(p, noise)).concat();
+            format!("facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n")
+        };
+        let (a, b, c) = ([0.0, 0.123, 0.0], [10.0, 0.0, 0.0], [0.0, 0.123, 0.15]);
+        let text = face([a, b, c], 0.0) + &face([b, a, [7.0, 9.0, 1.0]], noise);
+        let text = format!("solid kerb\n{text}endsolid\n");
+        let mesh = triangles_of(text.as_bytes(), "stl").unwrap();
+        assert_eq!(mesh.triangles, [[0, 1, 2], [1, 0, 3]], "{origin:?}");
+        let there = [0, 1, 2].map(|k| origin[k] + a[k]);
+        assert_eq!(mesh.positions[0], there);
+    }
+}
+
+/// Paths of Windows end so.
+#[test]
+fn a_comment_that_ends_in_a_backslash_leaves_the_next_line() {
+    let obj = "# from C:\\models\\\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3 # C:\\\nf 3 2 \\\n1\n";
+    let mesh = triangles_of(obj.as_bytes(), "obj").unwrap();
+    assert_eq!(mesh.positions.len(), 3);
+    assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 0]]);
+    let ply = "ply\nformat ascii 1.0\ncomment C:\\models\\\nelement vertex 3\nproperty float x\n\
+        property float y\nproperty float z\nelement face 1\n\
+        property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n";
+    let mesh = triangles_of(ply.as_bytes(), "ply").unwrap();
+    assert_eq!((mesh.positions.len(), mesh.triangles.len()), (3, 1));
+}
+
 #[test]
 fn polygons_are_cut_along_diagonals_that_lie_inside() {
     // An arrow whose second corner is reflex, in every format that has polygons; a fan would fold

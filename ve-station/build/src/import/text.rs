@@ -16,7 +16,8 @@ pub(super) fn decoded(bytes: &[u8]) -> Result<&[u8], BuildError> {
     }
 }
 
-/// Lines of a text with `\n`, `\r\n` or `\r` endings, a trailing backslash joining the next line.
+/// Lines of a text with `\n`, `\r\n` or `\r` endings, a trailing backslash joining the next line,
+/// but for that of a comment: a path may end there.
 /// Gives each with the number (from 1) of its first line.
 #[derive(Clone)]
 pub(super) struct Lines<'a> {
@@ -63,7 +64,7 @@ impl<'a> Iterator for Lines<'a> {
                 end + 1
             };
             self.number += 1;
-            if end > 0 && self.rest[end - 1] == b'\\' {
+            if end > 0 && self.rest[end - 1] == b'\\' && !is_comment(&self.rest[..end]) {
                 at = after;
                 continue;
             }
@@ -72,6 +73,14 @@ impl<'a> Iterator for Lines<'a> {
             return Some((number, line));
         }
     }
+}
+
+/// Whether a line ends in a comment: after a `#`, or of a PLY header.
+fn is_comment(line: &[u8]) -> bool {
+    line.contains(&b'#')
+        || [&b"comment"[..], b"obj_info"]
+            .iter()
+            .any(|of| line.starts_with(of))
 }
 
 /// Words of a line up to a `#`; a joining backslash counts as a space.
