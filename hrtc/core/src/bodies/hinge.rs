@@ -50,6 +50,14 @@ impl Hinge {
         self.turn.step(torque, step.period_s, step.fastest_turn);
     }
 
+    /// The longest step in which its weight gives no energy: of a pendulum, two over its angular
+    /// frequency (symplectic Euler); half of that.
+    pub fn longest_step_s(&self) -> f64 {
+        let arm = self.arm.reject_from_normalized(self.axis).length();
+        let squared = self.weight_n.length() * arm / self.turn.inertia();
+        squared.sqrt().recip()
+    }
+
     pub fn pose(&self) -> Pose {
         let rotation = self.rotation();
         Pose {

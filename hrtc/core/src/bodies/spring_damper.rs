@@ -77,6 +77,11 @@ impl Coordinate {
         }
     }
 
+    /// Mass or moment of inertia.
+    pub fn inertia(&self) -> f64 {
+        self.spring_damper.inertia
+    }
+
     pub fn kinetic_j(&self) -> f64 {
         0.5 * self.spring_damper.inertia * self.speed * self.speed
     }

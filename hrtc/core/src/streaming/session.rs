@@ -274,6 +274,9 @@ impl Session {
                 // Room is short when budget remains and nothing moved; a region that is being
                 // unloaded makes some.
                 let is_stuck = self.progress.done == before && context.budget.ingest > 0;
+                if self.progress.done > before {
+                    self.progress.waited = 0;
+                }
                 if is_stuck && !of.front.is_unloading() {
                     self.progress.waited += 1;
                 }

@@ -124,21 +124,19 @@ impl<D: AsRef<[u8]>> Station<D> {
     /// that it is not forgotten.
     pub(super) fn unfinished_answer(&mut self, at: usize) -> Option<Chunk> {
         let session = &mut self.sessions[at];
-        let Some(Job::Region {
-            ask,
-            answer: Some(answer),
-            ..
-        }) = session.jobs.front_mut()
-        else {
+        let Some(Job::Region { ask, answer, .. }) = session.jobs.front_mut() else {
             return None;
         };
-        if answer.is_found {
-            return None;
-        }
         let mut writer = AnswersWriter::new();
-        writer.begin(ask.region, ask.tolerance_bits, !answer.started);
-        writer.end(false);
-        answer.started = true;
+        // What the client holds may have to be gone through first: then no answer has begun.
+        if let Some(answer) = answer {
+            if answer.is_found {
+                return None;
+            }
+            writer.begin(ask.region, ask.tolerance_bits, !answer.started);
+            writer.end(false);
+            answer.started = true;
+        }
         let (mut header, _) = blank(ChunkKind::Answers, session.object);
         let (count, slots) = writer.finish();
         header.count = count;

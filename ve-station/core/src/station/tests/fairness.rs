@@ -217,6 +217,37 @@ fn who_waits_for_a_closure_hears_that_it_is_being_found() {
     );
 }
 
+/// After a silence it says what it holds, which takes a while to go through.
+#[test]
+fn who_waits_while_what_it_holds_is_gone_through_is_not_forgotten() {
+    let mut server = station(1);
+    let mut client = Client::new(7);
+    let say = |server: &mut Station<_>, requests: Vec<Request>| {
+        requests
+            .iter()
+            .for_each(|request| server.handle(Message::Request(request)));
+    };
+    say(&mut server, client.subscribe(whole()));
+    while !client.asked.is_empty() {
+        turn(&mut server, &mut client, STEPS);
+    }
+    let coarser = RegionAt::tolerance(RegionId::WHOLE, 1e-3);
+    say(&mut server, client.new_epoch());
+    say(&mut server, client.subscribe(coarser));
+    assert_eq!(turn(&mut server, &mut client, 1), 0);
+    let chunk = server.poll_unfinished(7).expect("a sign of life");
+    assert_eq!((chunk.0.last, chunk.0.count), (0, 0));
+    client.receive(&chunk).expect("it is the next chunk");
+    for turns in 0.. {
+        if client.asked.is_empty() {
+            break;
+        }
+        turn(&mut server, &mut client, STEPS);
+        assert!(turns < 10_000, "it is never answered");
+    }
+    client.check();
+}
+
 #[test]
 fn a_question_asked_again_while_its_closure_is_searched_does_not_begin_anew() {
     let count = |again: bool| {
