@@ -6,7 +6,6 @@ use crate::budget::QueryBudget;
 use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::Imperceptible;
 use crate::contact::sphere_proxy::Contact;
-use crate::force::effects::friction::EnergyLimit;
 use crate::force::effects::{Clock, SurfaceEffects};
 use crate::force::passivity::EnergyAccount;
 use crate::instance::{ModelFrame, ObjectInstance};
@@ -60,11 +59,8 @@ impl Contacts {
         let room = effects.iter().map(|of| of.len()).max().unwrap_or(0);
         let new_pair = |probe: &ProbePlan| {
             let account = EnergyAccount::new(probe.device.encoder_m, 1.0 / plan.loop_.rate_hz);
-            let limit = plan.safety.passivity.then_some(EnergyLimit {
-                account,
-                encoder_m: probe.device.encoder_m,
-            });
-            let effects = SurfaceEffects::with_room(room, limit);
+            let account = plan.safety.passivity.then_some(account);
+            let effects = SurfaceEffects::with_room(room, account);
             ProbeObjectPair::new(&probe.shape, effects)
         };
         Self {

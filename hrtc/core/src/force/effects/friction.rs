@@ -38,16 +38,8 @@ pub struct Friction {
     anchors: [Option<Anchor>; MAX_CONTACTS],
     /// `None` without a contact in the last tick.
     last: Option<Last>,
-    limit: Option<EnergyLimit>,
-}
-
-/// What limits the energy that friction puts out.
-#[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
-pub struct EnergyLimit {
-    /// An account of the device.
-    pub account: EnergyAccount,
-    /// Step of the device's encoder, metres.
-    pub encoder_m: f64,
+    /// Limits the energy that it puts out.
+    account: Option<EnergyAccount>,
 }
 
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
@@ -121,15 +113,15 @@ impl Held {
 }
 
 impl Friction {
-    /// Friction before any contact. `limit`: with an empty account of the device; `None` without an
-    /// energy limit.
+    /// Friction before any contact. `account`: an empty one of the device; `None` without an energy
+    /// limit.
     #[must_use]
-    pub fn new(plan: FrictionPlan, limit: Option<EnergyLimit>) -> Self {
+    pub fn new(plan: FrictionPlan, account: Option<EnergyAccount>) -> Self {
         Self {
             plan,
             anchors: [None; MAX_CONTACTS],
             last: None,
-            limit,
+            account,
         }
     }
 
@@ -137,9 +129,9 @@ impl Friction {
     pub fn reset(&mut self) {
         self.anchors = [None; MAX_CONTACTS];
         if self.last.take().is_some()
-            && let Some(limit) = &mut self.limit
+            && let Some(account) = &mut self.account
         {
-            limit.account = limit.account.restarted();
+            *account = account.restarted();
         }
     }
 
@@ -177,8 +169,8 @@ impl Friction {
             out.add_passive(force, contact.arm);
             out.spring.stored_j += held.stored_j();
         }
-        if let Some(limit) = &mut self.limit {
-            limit.account.set_force(sum.force);
+        if let Some(account) = &mut self.account {
+            account.set_force(sum.force);
         }
         self.last = Some(Last {
             proxy: at.proxy,
@@ -235,7 +227,7 @@ impl Friction {
     /// force of now, so that its work over all of that motion is no more than they lose: half of
     /// it, as a sampled spring needs, if the account knows of no other energy.
     fn lead(&mut self, at: &ContactSample<'_>, held: &[Held]) -> [DVec3; 2] {
-        let Some(EnergyLimit { account, encoder_m }) = &mut self.limit else {
+        let Some(account) = &mut self.account else {
             return [DVec3::ZERO; 2];
         };
         let (before, torque) = self
@@ -257,7 +249,7 @@ impl Friction {
             force += of.force();
         }
         // Two encoder steps of error in the balance are tolerated.
-        let noise = 2.0 * force.length() * *encoder_m;
+        let noise = 2.0 * force.length() * account.encoder_m();
         let excess = work - account.balance(then_j) - noise;
         if !(work > 0.0 && excess > 0.0) || is(Mutant::Passivity) {
             return [DVec3::ZERO; 2];
@@ -330,12 +322,12 @@ mod tests {
 
     /// Wrench and work of the friction of a tool on four corners, over a path of turns and
     /// displacements of its proxy, with the device below.
-    fn work_of(limit: Option<EnergyLimit>, stays: bool) -> f64 {
+    fn work_of(account: Option<EnergyAccount>, stays: bool) -> f64 {
         let plan = FrictionPlan {
             static_: 0.4,
             dynamic: 0.3,
         };
-        let mut friction = Friction::new(plan, limit);
+        let mut friction = Friction::new(plan, account);
         let mut set = ContactSet::default();
         let mut bench = Bench::new(HALF_M);
         let (mut wrench, mut worst, mut joules) = (Wrench::ZERO, f64::NEG_INFINITY, 0.0);
@@ -373,11 +365,7 @@ mod tests {
     fn friction_puts_out_no_energy_where_a_tool_turns() {
         for stays in [true, false] {
             let account = EnergyAccount::new(0.0, 1e-3);
-            let limit = EnergyLimit {
-                account,
-                encoder_m: 0.0,
-            };
-            let limited = work_of(Some(limit), stays);
+            let limited = work_of(Some(account), stays);
             let free = work_of(None, stays);
             println!("{limited} J, {free} J without the limit");
             assert!(limited < 1e-5, "{limited} J put out");
@@ -392,11 +380,8 @@ mod tests {
             static_: 0.4,
             dynamic: 0.4,
         };
-        let limit = EnergyLimit {
-            account: EnergyAccount::new(0.0, 1e-3),
-            encoder_m: 0.0,
-        };
-        let mut friction = Friction::new(plan, Some(limit));
+        let account = EnergyAccount::new(0.0, 1e-3);
+        let mut friction = Friction::new(plan, Some(account));
         let mut set = ContactSet::default();
         let mut bench = Bench::new(HALF_M);
         let forces = steps.map(|(displacement, amount)| {

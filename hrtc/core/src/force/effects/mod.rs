@@ -37,10 +37,9 @@ pub mod vibration;
 pub mod viscosity;
 
 use crate::contact::query::{Surface, Work};
-use crate::force::passivity::CouplingSpring;
+use crate::force::passivity::{CouplingSpring, EnergyAccount};
 use crate::tuning::force::MAX_SHADING_FACES;
 use contact_set::{ContactSet, MAX_CONTACTS, Push};
-use friction::EnergyLimit;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use mutants::{Mutant, is};
@@ -281,19 +280,19 @@ pub struct SurfaceEffects {
     #[serde(with = "spm::reserved")]
     listed: Vec<Listed<SurfaceEffect>>,
     contacts: ContactSet,
-    /// With an empty energy account of the device; `None` without an energy limit.
-    limit: Option<EnergyLimit>,
+    /// An empty energy account of the device; `None` without an energy limit.
+    account: Option<EnergyAccount>,
 }
 
 impl SurfaceEffects {
-    /// No effects, and room for `most`. `limit`: with an empty account of the device; `None`
-    /// without an energy limit.
+    /// No effects, and room for `most`. `account`: an empty one of the device; `None` without an
+    /// energy limit.
     #[must_use]
-    pub fn with_room(most: usize, limit: Option<EnergyLimit>) -> Self {
+    pub fn with_room(most: usize, account: Option<EnergyAccount>) -> Self {
         Self {
             listed: Vec::with_capacity(most),
             contacts: ContactSet::default(),
-            limit,
+            account,
         }
     }
 
@@ -306,13 +305,13 @@ impl SurfaceEffects {
             plans.len() <= self.listed.capacity(),
             "room was made for all"
         );
-        let limit = &self.limit;
+        let account = &self.account;
         self.contacts.reset();
         self.listed.clear();
         self.listed.extend(plans.iter().filter_map(|plan| {
             let effect = match &plan.effect {
                 Effect::Friction(of) => {
-                    SurfaceEffect::Friction(friction::Friction::new(*of, limit.clone()))
+                    SurfaceEffect::Friction(friction::Friction::new(*of, account.clone()))
                 }
                 Effect::Shading(of) => SurfaceEffect::Shading(shading::Shading::new(*of)),
                 Effect::Texture(of) => SurfaceEffect::Texture(texture::Texture::new(of.clone())),
