@@ -4,9 +4,9 @@
 //! valid. The watchdog's thread sleeps until the lease that it saw would end. If it was not renewed
 //! by then, it claims the lease, brings the devices to zero through their [`SafeStop`] handles and
 //! counts the event. A tick that comes back finds its lease lost: it writes zero, and the force
-//! rises from zero along the ramp. Claim and renewal exchange one atomic value. Where a wrench took so
-//! long to be written that a stop fell before it, the tick finds its lease lost after all writes,
-//! and brings the devices to zero again.
+//! rises from zero along the ramp. Claim and renewal exchange one atomic value. Where a wrench took
+//! so long to be written that a stop fell before it, the tick finds its lease lost after all
+//! writes, and brings the devices to zero again.
 
 use super::shared::Shared;
 use crate::tuning::{COMMAND_VALIDITY_NS, WATCHDOG_STACK_BYTES};

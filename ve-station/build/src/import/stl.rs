@@ -1,6 +1,7 @@
 //! STL, text or binary. The format repeats the corners of every face, so equal ones become one
-//! vertex: equal to the last bit that an f32 has at the model's size, wherever its origin is. (Writers leave noise of 1e-17
-//! where others write 0; an exact comparison would tear the model there.)
+//! vertex: equal to the last bit that an f32 has at the model's size, wherever its origin is.
+//! (Writers leave noise of 1e-17 where others write 0; an exact comparison would tear the model
+//! there.)
 
 use super::Soup;
 use super::text::{Lines, excerpt, number, words};
