@@ -33,7 +33,7 @@ pub const LINK_STACK_BYTES: usize = if cfg!(debug_assertions) {
 /// Locked memory commits it whole.
 pub const WATCHDOG_STACK_BYTES: usize = 128 << 10;
 
-/// Stack of the thread that hears signals, bytes: it sets flags only.
+/// Stack of a thread that hears requests to end, bytes: it sets flags only.
 pub const SIGNALS_STACK_BYTES: usize = 128 << 10;
 
 /// Time between two looks of the main thread at the log, and of another at requests to end.

@@ -135,8 +135,8 @@ impl Accumulator {
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
-            if record.rises_again {
-                // The device was at zero before this wrench.
+            if record.rises_again || record.force_cut {
+                // The device was at zero before this wrench, or went there by itself.
                 let lost = std::mem::take(&mut self.last_forces[k]).length();
                 result.force_cut_n_max = max_or_nan(result.force_cut_n_max, lost);
             }

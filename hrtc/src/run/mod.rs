@@ -5,6 +5,7 @@
 //! | `hrtc-tick` | the loop: devices, core, rings |
 //! | `hrtc-link` | every iceoryx2 port |
 //! | `hrtc-watchdog` | zero force when the tick does not write any more |
+//! | `hrtc-stop` | requests to end, also where the caller's waits for an output |
 //! | `hrtc-recorder`, `hrtc-disk` | the recording, see [`crate::recorder`] |
 //! | the caller's | log, messages, result |
 //!
@@ -58,7 +59,8 @@ pub const FIXED_BYTES: usize = LOG_CAPACITY * size_of::<TickRecord>()
     + INBOX_CAPACITY * size_of::<InboxChunk>()
     + OUT_CAPACITY * (size_of::<Request>() + size_of::<ContactReport>())
     + TICK_STACK_BYTES
-    + WATCHDOG_STACK_BYTES;
+    + WATCHDOG_STACK_BYTES
+    + SIGNALS_STACK_BYTES;
 
 /// Form of the result on standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -273,7 +275,9 @@ fn hearing<T>(
                 if stop.with_ramp.load(Ordering::Relaxed) {
                     shared.stop.store(true, Ordering::Relaxed);
                 }
-                if stop.at_once.load(Ordering::Relaxed) {
+                // After the end there is a result.
+                let has_ended = shared.ended.load(Ordering::Acquire);
+                if !has_ended && stop.at_once.load(Ordering::Relaxed) {
                     shared.off.store(true, Ordering::Release);
                     watchdog.wake();
                 }

@@ -175,8 +175,8 @@ struct Ticked {
     cache_limit: Option<u64>,
 }
 
-/// Takes the lease for a wrench that is about to be written. Time until which it is valid, ns;
-/// `None` when the last ones have expired.
+/// Takes the lease for the wrenches that are about to be written. Time until which they are valid,
+/// ns; `None` when the last ones have expired.
 fn extend(lease: &Lease) -> Option<u64> {
     let now = monotonic_ns();
     let until = now + COMMAND_VALIDITY_NS;
@@ -245,11 +245,14 @@ impl TickThread {
         let steps = panic_steps(&self.plan);
         for left in (0..steps).rev() {
             let share = f64::from(left) / f64::from(steps);
+            let Some(valid_until_ns) = extend(&self.shared.lease) else {
+                return;
+            };
             let devices = self.devices.iter_mut().zip(from).zip(&mut answers);
             for ((device, &wrench), answers) in devices.filter(|(_, answers)| **answers) {
-                let Some(valid_until_ns) = extend(&self.shared.lease) else {
+                if self.shared.lease.has_run_out(monotonic_ns()) {
                     return;
-                };
+                }
                 let command = WrenchCommand {
                     wrench: wrench * share,
                     valid_until_ns,
@@ -377,29 +380,30 @@ impl TickThread {
     /// at zero then. The force rises from there in the next tick. Where a device took so long to
     /// take its wrench that those before expired, all go to zero.
     fn render(&mut self, lasting: &mut Lasting) {
-        let mut is_cut = false;
+        let lease = extend(&self.shared.lease);
+        let mut is_cut = lease.is_none();
         let devices = self.devices.iter_mut().zip(&lasting.outputs.wrenches);
         for ((device, &wanted), written) in devices.zip(&mut lasting.written) {
-            // A zero wrench does not expire.
-            let mut valid_until_ns = u64::MAX;
-            if !is_cut {
-                let lease = extend(&self.shared.lease);
-                is_cut = lease.is_none();
-                valid_until_ns = lease.unwrap_or(u64::MAX);
-            }
+            is_cut |= self.shared.lease.has_run_out(monotonic_ns());
             *written = if is_cut { Wrench::ZERO } else { wanted };
             device.device.write(WrenchCommand {
                 wrench: *written,
-                valid_until_ns,
+                // A zero wrench does not expire.
+                valid_until_ns: lease.filter(|_| !is_cut).unwrap_or(u64::MAX),
             });
         }
-        is_cut |= self.shared.lease.has_run_out(monotonic_ns());
+        if self.shared.lease.has_run_out(monotonic_ns()) {
+            is_cut = true;
+            // For the zeros, so that the next tick finds no other end of a force.
+            let _ = extend(&self.shared.lease);
+        }
         if is_cut {
             self.shared.force_cuts.fetch_add(1, Ordering::Relaxed);
             // What was written before, or came late.
-            let devices = self.devices.iter_mut().zip(&lasting.written);
-            for (device, _) in devices.filter(|(_, written)| **written != Wrench::ZERO) {
+            let devices = self.devices.iter_mut().zip(&mut lasting.written);
+            for (device, written) in devices.filter(|(_, written)| **written != Wrench::ZERO) {
                 device.device.safe_off();
+                *written = Wrench::ZERO;
             }
         }
         lasting.force_cut = is_cut;

@@ -1,12 +1,12 @@
 //! The watchdog: zero force when the tick does not write any more.
 //!
-//! The tick renews a [`Lease`] before it writes each wrench; a lease lasts as long as a wrench is
+//! Every tick renews a [`Lease`] before it writes its wrenches; a lease lasts as long as these are
 //! valid. The watchdog's thread sleeps until the lease that it saw would end. If it was not renewed
 //! by then, it claims the lease, brings the devices to zero through their [`SafeStop`] handles and
 //! counts the event. A tick that comes back finds its lease lost: it writes zero, and the force
-//! rises from zero along the ramp. Claim and renewal exchange one atomic value. Where a wrench took
-//! so long to be written that a stop fell before it, the tick finds its lease lost after all
-//! writes, and brings the devices to zero again.
+//! rises from zero along the ramp. Claim and renewal exchange one atomic value. The tick looks
+//! before each write and after the last: where one took so long that the lease has ended, it writes
+//! no more force, and ends what came late.
 
 use super::shared::Shared;
 use crate::tuning::{COMMAND_VALIDITY_NS, WATCHDOG_STACK_BYTES};

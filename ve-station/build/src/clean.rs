@@ -124,6 +124,11 @@ fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
             (lower, upper) = (lower.min(least), upper.max(most));
         }
     }
+    far_origin([lower, upper])
+}
+
+/// Zero, or the centre of a box that lies far from the origin.
+pub(crate) fn far_origin([lower, upper]: [DVec3; 2]) -> DVec3 {
     let centre = lower * 0.5 + upper * 0.5;
     if centre.is_finite() && centre.length() > FAR_DIAGONALS * (upper - lower).length() {
         centre

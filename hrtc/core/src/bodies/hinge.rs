@@ -54,7 +54,8 @@ impl Hinge {
     /// frequency (symplectic Euler); half of that.
     pub fn longest_step_s(&self) -> f64 {
         let arm = self.arm.reject_from_normalized(self.axis).length();
-        let squared = self.weight_n.length() * arm / self.turn.inertia();
+        let weight_n = self.weight_n.reject_from_normalized(self.axis).length();
+        let squared = weight_n * arm / self.turn.inertia();
         squared.sqrt().recip()
     }
 

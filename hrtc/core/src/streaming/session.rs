@@ -276,6 +276,7 @@ impl Session {
                 let is_stuck = self.progress.done == before && context.budget.ingest > 0;
                 if self.progress.done > before {
                     self.progress.waited = 0;
+                    self.subscriber.has_taken(context.tick);
                 }
                 if is_stuck && !of.front.is_unloading() {
                     self.progress.waited += 1;

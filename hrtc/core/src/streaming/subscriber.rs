@@ -257,6 +257,11 @@ impl Subscriber {
         self.silences = 0;
     }
 
+    /// A part of the next chunk was taken: what is left of it waits here, not at the station.
+    pub fn has_taken(&mut self, tick: u64) {
+        self.last_progress = self.last_progress.max(tick);
+    }
+
     /// Takes a stale chunk for a sign of life, if it is of an earlier epoch with this station: what
     /// is asked now comes after what was under way. The station sends no more of them than the
     /// credit admitted. Errors that it measured say nothing: it goes on to send them where it has

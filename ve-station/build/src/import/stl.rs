@@ -5,6 +5,7 @@
 
 use super::Soup;
 use super::text::{Lines, excerpt, number, words};
+use crate::clean::far_origin;
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
 use glam::DVec3;
@@ -142,17 +143,17 @@ fn welded<T: Copy + Into<f64> + Sync>(mut mesh: SoupMesh, corners: &[[T; 3]]) ->
     let [lower, upper] = corners
         .par_iter()
         .map(|&p| place(p))
-        .filter(|p| p.abs().max_element() <= f64::from(f32::MAX))
+        .filter(|p| p.is_finite() && p.abs().max_element() <= f64::from(f32::MAX))
         .map(|p| [p; 2])
         .reduce(nowhere, |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-    // Relative to its middle a model far from its own origin has as many bits as another.
-    let centre = (lower * 0.5 + upper * 0.5).to_array();
-    // Twice it is a number, too.
-    let extent = ((0.5 * (upper - lower).max_element()) as f32).min(f32::MAX / 4.0);
+    // Where a model lies far from its own origin, that is moved there later ([`crate::clean`]).
+    let origin = far_origin([lower, upper]);
+    let extent = (lower - origin).abs().max((upper - origin).abs());
+    let (origin, extent) = (origin.to_array(), extent.max_element() as f32);
     // Adding the extent and taking it away again leaves the bits that count at this size.
     let key = |p: [T; 3]| {
         [0, 1, 2].map(|k| {
-            let x = (p[k].into() - centre[k]) as f32;
+            let x = (p[k].into() - origin[k]) as f32;
             ((x + extent) - extent + 0.0).to_bits()
         })
     };

@@ -33,6 +33,12 @@ impl<'a> Lines<'a> {
         }
     }
 
+    /// Whether a part of a line ends in a comment: after a `#`, or of a PLY header.
+    fn is_comment(&self, from: usize, end: usize) -> bool {
+        let begins = |of: &[u8]| from == 0 && self.rest.starts_with(of);
+        self.rest[from..end].contains(&b'#') || begins(b"comment") || begins(b"obj_info")
+    }
+
     /// What the lines so far did not take.
     pub(super) fn rest(&self) -> &'a [u8] {
         self.rest
@@ -64,7 +70,7 @@ impl<'a> Iterator for Lines<'a> {
                 end + 1
             };
             self.number += 1;
-            if end > 0 && self.rest[end - 1] == b'\\' && !is_comment(&self.rest[..end]) {
+            if end > 0 && self.rest[end - 1] == b'\\' && !self.is_comment(at, end) {
                 at = after;
                 continue;
             }
@@ -73,14 +79,6 @@ impl<'a> Iterator for Lines<'a> {
             return Some((number, line));
         }
     }
-}
-
-/// Whether a line ends in a comment: after a `#`, or of a PLY header.
-fn is_comment(line: &[u8]) -> bool {
-    line.contains(&b'#')
-        || [&b"comment"[..], b"obj_info"]
-            .iter()
-            .any(|of| line.starts_with(of))
 }
 
 /// Words of a line up to a `#`; a joining backslash counts as a space.
