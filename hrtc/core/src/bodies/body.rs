@@ -145,8 +145,7 @@ impl Body {
     /// Bound of the displacement of any point of its box in a tick, metres.
     ///
     /// Of a driven body it follows from the largest speed. Of any other it is the largest recent
-    /// displacement, which decays by 3 % a
-    /// millisecond.
+    /// displacement, which decays by 3 % a millisecond.
     #[must_use]
     pub fn max_displacement(&self) -> f64 {
         self.max_displacement

@@ -30,10 +30,10 @@ pub struct Near {
 struct Seen {
     /// The face nearest to it; none when it was not looked at yet.
     face: Handle,
-    /// Where its middle was, then and when its distance was measured.
+    /// Where its middle was, and when, in periods of the forecast.
     centre: DVec3,
-    /// When it was there, periods of the forecast.
     at: u64,
+    /// Where its middle was when its distance was measured.
     measured: DVec3,
     /// Lower bound of its distance from the full mesh; negative where they may have met.
     clearance: f64,

@@ -14,8 +14,9 @@ pub struct Steps {
     changed: u64,
     /// Tick of the last want.
     wanted: Option<u64>,
-    /// Whether the last change was a step back, and that turned out to be too early.
+    /// Whether the last change was a step back.
     went_back: bool,
+    /// Whether that turned out to be too early.
     was_early: bool,
     /// Ticks without want after which it goes back a step.
     wait_ticks: u64,
