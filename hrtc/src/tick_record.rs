@@ -4,6 +4,7 @@ use crate::time_answers::TimeAnswers;
 use geometry::Wrench;
 use haptic_device::Sample;
 use hrtc_core::ProbeContact;
+use hrtc_core::governor::MeasuredTick;
 use hrtc_core::record::{CoreRecord, max_or_nan};
 use realtime::pacer::Miss;
 use scene::MAX_PROBES;
@@ -59,8 +60,8 @@ pub struct TickRecord {
     pub force_cut: bool,
     /// Whether those of the tick before were: the core's force rises from zero again.
     pub rises_again: bool,
-    /// Processor time of the tick before, ns, as the core was told; 0 for none.
-    pub noted_work_ns: u32,
+    /// What the tick before took, as the core was told; `None` for the first.
+    pub measured: Option<MeasuredTick>,
     /// What the core was told of the time of this tick.
     pub time: TimeAnswers,
     /// Bytes of the cache that may be in use from this tick on, where that changes.

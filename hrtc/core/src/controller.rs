@@ -3,7 +3,7 @@
 
 use crate::active::active_set::ActiveSet;
 use crate::bodies::Movables;
-use crate::governor::{Governor, WorkCosts};
+use crate::governor::{Governor, MeasuredTick, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::refine;
 use crate::policy::Policy;
@@ -114,11 +114,12 @@ impl Controller {
         self.governor.set_costs(costs);
     }
 
-    /// Call before a tick with the processor time that the last one took, nanoseconds: if that is
-    /// longer than the costs say, ticks do less. An input of the tick as far as a replay is
-    /// concerned.
-    pub fn note_work(&mut self, ns: u32) {
-        self.governor.note_work(f64::from(ns));
+    /// Call before a tick with what the last one took, if that is known: where it is longer than the
+    /// costs say, or the devices leave less of a period, ticks do less. An input of the tick as far
+    /// as a replay is concerned.
+    pub fn note_work(&mut self, last: MeasuredTick) {
+        self.governor.note_devices(f64::from(last.device_ns));
+        self.governor.note_work(f64::from(last.work_ns));
     }
 
     /// Call before a tick: from it on so many bytes of the cache may be in use, of those of the

@@ -38,6 +38,8 @@
 //!
 //! `q = (m + s b) / (p + b)`, `s = max(the middle of the last three q, s exp(-period / fades))`.
 //!
+//! The time of the devices' drivers is in neither: no cost tells it, and it is no longer where a tick
+//! has more to do. What they took of late comes off the time that a tick has.
 //! Of three, since one tick alone may have been interrupted. It cannot hunt: where the costs are
 //! wrong by a factor r, q lies between s and r, whatever p is. So s rises towards r and never
 //! beyond; above r it falls by the fading or faster. Where r itself varies between r1 and r2 from
@@ -177,6 +179,10 @@ impl TickTime {
     }
 }
 
+fn middle([a, b, c]: [f64; 3]) -> f64 {
+    a.max(b).min(a.min(b).max(c))
+}
+
 /// What probes ask of a tick on a machine, before it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickNeed {
@@ -219,6 +225,27 @@ impl TickNeed {
     }
 }
 
+/// What a tick took, as the shell measured it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct MeasuredTick {
+    /// Processor time without that of the devices' drivers, nanoseconds.
+    pub work_ns: u32,
+    /// Time that the drivers took to read and write, whether they worked or waited, nanoseconds; 0
+    /// where that is no more than what every tick does anyway.
+    pub device_ns: u32,
+}
+
+impl MeasuredTick {
+    /// A tick beside whose work the drivers took no time that counts.
+    #[must_use]
+    pub fn of_work(work_ns: u32) -> Self {
+        Self {
+            work_ns,
+            device_ns: 0,
+        }
+    }
+}
+
 /// State of the governor.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Governor {
@@ -229,6 +256,9 @@ pub struct Governor {
     slowness: f64,
     /// The newest three.
     ratios: [f64; 3],
+    /// What the devices' drivers took in the newest three ticks, and of late, nanoseconds.
+    device_times: [f64; 3],
+    device_ns: f64,
     /// What the contacts took of late, nanoseconds by the costs.
     contact_ns: f64,
     /// Ticks of late in which a contact had less time than it needs.
@@ -254,6 +284,8 @@ impl Governor {
             share: TIME_SHARE,
             slowness: 1.0,
             ratios: [1.0; 3],
+            device_times: [0.0; 3],
+            device_ns: 0.0,
             contact_ns: 0.0,
             cut: 0.0,
             cut_ns: 0.0,
@@ -301,9 +333,19 @@ impl Governor {
         self.operations
     }
 
-    /// The last tick took so much processor time, nanoseconds.
+    /// The devices' drivers took so much of the last tick, nanoseconds: before
+    /// [`Self::note_work`].
+    pub fn note_devices(&mut self, ns: f64) {
+        self.device_times.rotate_left(1);
+        self.device_times[2] = ns;
+        let faded = self.device_ns * (-self.period_s / SLOWNESS_FADES_S).exp();
+        self.device_ns = middle(self.device_times).max(faded);
+    }
+
+    /// The last tick took so much processor time beside them, nanoseconds.
     pub fn note_work(&mut self, ns: f64) {
-        let believed = SHORT_SHARE * self.share_ns() / self.slowness;
+        let left = (self.share_ns() - self.device_ns).max(0.0);
+        let believed = SHORT_SHARE * left / self.slowness;
         let known = ns + self.slowness * believed;
         let ratio = known / (self.time.spent.total() + believed);
         if !ratio.is_finite() {
@@ -311,13 +353,13 @@ impl Governor {
         }
         self.ratios.rotate_left(1);
         self.ratios[2] = ratio;
-        let [a, b, c] = self.ratios;
-        let middle = a.max(b).min(a.min(b).max(c));
+        let middle = middle(self.ratios);
         let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
         let [least, most] = SLOWNESS_RANGE;
         self.slowness = faded.max(middle).clamp(least, most);
         // The second of two such ticks in a row is the middle: a slower machine.
-        let is_late = ns > LATE * self.period_ns() && ratio > middle;
+        let whole = ns + self.device_times[2];
+        let is_late = whole > LATE * self.period_ns() && ratio > middle;
         let back = self.period_s / SHARE_RETURN_S * (TIME_SHARE - self.share);
         let share = if is_late {
             (1.0 - LATE_CUT) * self.share
@@ -353,7 +395,7 @@ impl Governor {
         let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
         let (fixed, least) = (time.spent.total(), queries + inbox);
         // What every tick does is allowed on any machine.
-        let share = self.share_ns() / self.slowness;
+        let share = (self.share_ns() - self.device_ns) / self.slowness;
         let search = pairs * f64::from(MIN_SEARCH_UNITS) * costs.search;
         time.allowed = share.max(fixed + inbox + search);
         let rest = time.allowed - fixed;
@@ -535,6 +577,45 @@ mod tests {
             before = [before[1], now];
         }
         assert_eq!(turns, 0);
+    }
+
+    /// A driver that takes a third of the period is no slow machine, and what it takes is not there
+    /// for the core.
+    #[test]
+    fn the_time_of_drivers_is_taken_off_and_says_nothing_of_the_machine() {
+        let mut governor = Governor::new(1e-3, 96);
+        let mut run = |device_ns: f64, factor: f64, ticks: usize| {
+            let mut longest = 0.0f64;
+            for k in 0..ticks {
+                governor.begin_tick([1, 0]);
+                // A long tick, and nine short ones.
+                let share = if k % 10 == 0 { 1.0 } else { 0.0 };
+                governor.time.set_refinement(governor.time.faces(share), 0);
+                governor.end_queries(k as u64, false, true);
+                let took = factor * governor.time.spent.total();
+                longest = longest.max(took + device_ns);
+                governor.note_devices(device_ns);
+                governor.note_work(took);
+            }
+            (governor.slowness(), governor.time.allowed(), longest)
+        };
+        let (slowness, without, _) = run(0.0, 1.0, 100);
+        assert!((slowness - 1.0).abs() < 1e-9);
+        run(0.3e6, 1.0, 2);
+        let (slowness, with, longest) = run(0.3e6, 1.0, 1000);
+        assert!((slowness - 1.0).abs() < 1e-9, "{slowness}");
+        assert!((without - with - 0.3e6).abs() < 1.0, "{without} {with}");
+        assert!(longest <= TIME_SHARE * 1e6, "{longest}");
+        run(0.3e6, 2.0, 1000);
+        let (slowness, _, longest) = run(0.3e6, 2.0, 1000);
+        assert!((1.9..=2.0).contains(&slowness), "{slowness}");
+        let share = longest / (TIME_SHARE * 1e6);
+        assert!((0.9..=1.05).contains(&share), "{share}");
+        // One long read changes nothing; a driver that is fast again gives its time back.
+        run(0.0, 2.0, 3000);
+        run(5e6, 2.0, 1);
+        run(0.0, 2.0, 2);
+        assert!(governor.device_ns < 100.0, "{}", governor.device_ns);
     }
 
     #[test]

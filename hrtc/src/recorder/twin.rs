@@ -141,8 +141,8 @@ impl Twin {
         if record.rises_again {
             self.controller.force_was_cut();
         }
-        if record.noted_work_ns > 0 {
-            self.controller.note_work(record.noted_work_ns);
+        if let Some(measured) = record.measured {
+            self.controller.note_work(measured);
         }
         if let Some(bytes) = record.cache_limit {
             self.controller.set_cache_limit(bytes as usize);

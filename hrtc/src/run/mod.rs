@@ -11,6 +11,7 @@
 //!
 //! The threads meet in bounded rings.
 
+mod drivers;
 mod loaded_scene;
 mod monitor;
 mod outcome;

@@ -4,6 +4,7 @@
 //! zero in a few periods without the core, then the devices are switched off. Whatever the way out,
 //! [`EndMark`] tells the main thread when the devices are off.
 
+use super::drivers::Drivers;
 use super::probe_device::ProbeDevice;
 use super::shared::Shared;
 use super::watchdog::Lease;
@@ -15,6 +16,7 @@ use crate::tuning::{
 };
 use geometry::Wrench;
 use haptic_device::{Sample, TickTime, WrenchCommand};
+use hrtc_core::governor::MeasuredTick;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutputs, Timed};
 use protocol::{ContactReport, Request};
@@ -147,8 +149,9 @@ struct Lasting {
     force_cut: bool,
     /// Wall time of handing over the last tick, ns.
     record_ns: u32,
-    /// Processor time of the last tick, ns; 0 before the first.
-    work_ns: u32,
+    drivers: Drivers,
+    /// What the last tick took; `None` before the first.
+    measured: Option<MeasuredTick>,
 }
 
 /// Tells the main thread that the tick thread has ended, by being dropped, also by a panic.
@@ -170,7 +173,7 @@ struct Ticked {
     samples: [Option<Sample>; MAX_PROBES],
     wrenches: [Wrench; MAX_PROBES],
     rises_again: bool,
-    noted_work_ns: u32,
+    measured: Option<MeasuredTick>,
     time: TimeAnswers,
     cache_limit: Option<u64>,
 }
@@ -199,7 +202,8 @@ impl TickThread {
             written: [Wrench::ZERO; MAX_PROBES],
             force_cut: false,
             record_ns: 0,
-            work_ns: 0,
+            drivers: Drivers::new(thread.plan.rate_hz),
+            measured: None,
         };
         thread.shared.ticking.store(true, Ordering::Release);
         let ticking = AssertUnwindSafe(|| thread.tick_until_stopped(&mut pacer, &mut lasting));
@@ -230,7 +234,7 @@ impl TickThread {
             let ticked = self.tick(&wake, stopping, lasting);
             let worked = pacer.done();
             self.hand_over(&wake, &worked, &ticked, lasting);
-            lasting.work_ns = worked.cpu_ns.saturating_add(lasting.record_ns);
+            lasting.measured = Some(lasting.drivers.beside(&worked, lasting.record_ns));
             self.report_faults();
             if stopping && self.controller.is_at_rest() {
                 break;
@@ -283,9 +287,9 @@ impl TickThread {
         if rises_again {
             self.controller.force_was_cut();
         }
-        let noted_work_ns = lasting.work_ns;
-        if noted_work_ns > 0 {
-            self.controller.note_work(noted_work_ns);
+        let measured = lasting.measured;
+        if let Some(measured) = measured {
+            self.controller.note_work(measured);
         }
         let t_s = wake.tick as f64 / self.plan.rate_hz;
         let cache_limit = self.cache.due(t_s);
@@ -296,9 +300,11 @@ impl TickThread {
             outputs,
             arrivals,
             high_water,
+            drivers,
             ..
         } = &mut *lasting;
-        let samples = self.sample(wake);
+        drivers.begin_tick();
+        let samples = drivers.time(|| self.sample(wake));
         let station = self.shared.station.load(Ordering::Relaxed);
         let slots = self.rings.inbox.slots();
         arrivals.arrived += (slots - arrivals.waiting) as u64;
@@ -318,7 +324,9 @@ impl TickThread {
         told.store(round_trip_us, Ordering::Relaxed);
         arrivals.waiting = slots - consumed;
         self.send(outputs);
-        self.render(lasting);
+        let mut drivers = lasting.drivers;
+        drivers.time(|| self.render(lasting));
+        lasting.drivers = drivers;
         let high_water = &mut lasting.high_water;
         high_water.requests = (OUT_CAPACITY - self.rings.requests.slots()).max(high_water.requests);
         counting_allocator::arm(false);
@@ -330,7 +338,7 @@ impl TickThread {
             samples,
             wrenches: lasting.written,
             rises_again,
-            noted_work_ns,
+            measured,
             cache_limit: cache_limit.map(|bytes| bytes as u64),
         }
     }
@@ -569,7 +577,7 @@ fn record(wake: &Wake, worked: &Worked, ticked: &Ticked, lasting: &Lasting) -> T
         samples: ticked.samples,
         force_cut: lasting.force_cut,
         rises_again: ticked.rises_again,
-        noted_work_ns: ticked.noted_work_ns,
+        measured: ticked.measured,
         time: ticked.time,
         cache_limit: ticked.cache_limit,
         wrenches: ticked.wrenches,

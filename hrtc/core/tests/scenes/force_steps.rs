@@ -5,6 +5,7 @@
 use crate::common::{World, plan, spm, station};
 use geometry::Pose;
 use glam::DVec3;
+use hrtc_core::governor::MeasuredTick;
 use hrtc_core::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
 use hrtc_core::{NoObserver, Stage, StageObserver, Timed};
 use scene::{ScenePlan, TrajectoryPlan};
@@ -115,7 +116,9 @@ fn felt(
     for tick in 0..((APPROACH_S + SLIDE_S) / PERIOD_S) as u64 {
         let record = world.advance(Drive::Hands, observer).record;
         let took = slow(tick) * f64::from(record.spent_ns);
-        world.controller_mut().note_work(took as u32);
+        world
+            .controller_mut()
+            .note_work(MeasuredTick::of_work(took as u32));
         let tolerance = record.finest_tolerance_m;
         felt.slowest = felt.slowest.max(record.slowness);
         felt.over += u64::from(record.spent_ns > record.allowed_ns);

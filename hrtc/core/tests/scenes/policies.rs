@@ -3,7 +3,7 @@
 
 use crate::common::{World, scene_plan, scene_world, spm};
 use glam::DVec3;
-use hrtc_core::governor::{CostGroup, WorkCosts};
+use hrtc_core::governor::{CostGroup, MeasuredTick, WorkCosts};
 use scene::PolicyPlan;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -49,7 +49,9 @@ fn stroke(world: &mut World, rad_per_tick: f64, ticks: u64) -> ([(u64, f64); 2],
             let away = touched.map_or(0.0, |touched| 1.0 - touched.contact.point.length());
             sum.1 += 0.5 * SIZE_M * away.abs() / ticks as f64;
         }
-        world.controller_mut().note_work(record.spent_ns);
+        world
+            .controller_mut()
+            .note_work(MeasuredTick::of_work(record.spent_ns));
     }
     (sums, changes)
 }

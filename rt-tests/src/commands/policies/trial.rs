@@ -5,7 +5,7 @@ use crate::report::quantile::Quantiles;
 use crate::scenes::prepare_models;
 use geometry::Wrench;
 use glam::DVec3;
-use hrtc_core::governor::{CostGroup, WorkCosts};
+use hrtc_core::governor::{CostGroup, MeasuredTick, WorkCosts};
 use hrtc_core::record::{CoreRecord, max_or_nan};
 use scene::ScenePlan;
 use serde::Serialize;
@@ -117,7 +117,9 @@ impl Sums {
                 *before = *now;
             }
             let spent_ns = outputs.record.spent_ns;
-            simulation.controller_mut().note_work(spent_ns);
+            simulation
+                .controller_mut()
+                .note_work(MeasuredTick::of_work(spent_ns));
         }
         match simulation.controller().fault() {
             None => Ok(true),

@@ -2,7 +2,7 @@
 //! keeps the ticks within their time.
 
 use super::trace::{Checked, ensure};
-use hrtc_core::governor::{CostGroup, WorkCosts};
+use hrtc_core::governor::{CostGroup, MeasuredTick, WorkCosts};
 use simulator::{Client, Random};
 
 /// How many times slower than the reference machine a processor may be at full speed.
@@ -131,7 +131,9 @@ impl Processor {
         } else {
             0.0
         };
-        client.controller_mut().note_work((ns + other) as u32);
+        client
+            .controller_mut()
+            .note_work(MeasuredTick::of_work((ns + other) as u32));
         Ok(())
     }
 
