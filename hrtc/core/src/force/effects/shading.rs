@@ -91,9 +91,9 @@ impl Shading {
             let normal = contact.force / size;
             let last = self.directions[contact.slot].filter(|_| !contact.is_new);
             let shaded = if contact.is_pushing {
-                let (smooth, cost) = self.smooth(at, contact, normal, searches);
+                let (found, cost) = self.smooth(at, contact, normal, searches);
                 work.add(cost);
-                self.limited(at, contact, normal, (last, smooth))
+                self.limited(at, contact, normal, (last, found))
             } else {
                 last.unwrap_or(normal)
             };
@@ -104,14 +104,14 @@ impl Shading {
         work
     }
 
-    /// The smooth direction at a contact, `None` at a sharp edge; and the work of the search.
+    /// The smooth direction at a contact, and the work of the search.
     fn smooth(
         &mut self,
         at: &ContactSample<'_>,
         contact: &Acting,
         normal: DVec3,
         searches: usize,
-    ) -> (Option<DVec3>, Work) {
+    ) -> (Smooth, Work) {
         let radius = self.plan.radius_m / at.metres_per_unit;
         let disc = std::f64::consts::PI * radius * radius;
         let point = contact.point / at.metres_per_unit;
@@ -141,18 +141,17 @@ impl Shading {
         self.cut += u64::from(nearest.is_cut() || is_short);
         let aside = |distance_squared: f64| (distance_squared - off * off).max(0.0);
         let mut square = radius * radius;
+        let mut reached = square;
         if nearest.is_cut() || is_short {
             let farthest = if nearest.is_cut() {
                 nearest.farthest_squared()
             } else {
                 f64::INFINITY
             };
-            let reached = aside(farthest.min(unvisited * unvisited));
-            square = if reached > 0.0 {
-                reached.min(square)
-            } else {
-                square
-            };
+            reached = aside(farthest.min(unvisited * unvisited));
+            if reached > 0.0 {
+                square = reached.min(square);
+            }
         }
         let weighed = || {
             nearest.all().iter().map(|face| {
@@ -169,31 +168,52 @@ impl Shading {
                 face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
             })
             .sum();
-        let smooth = (kept != DVec3::ZERO).then(|| kept.normalize_or(normal));
-        (smooth, work)
+        let found = if is_short && (kept == DVec3::ZERO || reached <= 0.0) {
+            Smooth::Unknown
+        } else if kept == DVec3::ZERO {
+            Smooth::Sharp
+        } else {
+            Smooth::Towards(kept.normalize_or(normal))
+        };
+        (found, work)
     }
 
-    /// The smooth direction within the limits of a tick and of a tool. At a sharp edge no face
-    /// remains, and the force keeps its own direction.
+    /// The smooth direction within the limits of a tick and of a tool. At a sharp edge the force
+    /// keeps its own direction; where there was no time to look, that of the last tick.
     fn limited(
         &self,
         at: &ContactSample<'_>,
         contact: &Acting,
         normal: DVec3,
-        (last, smooth): (Option<DVec3>, Option<DVec3>),
+        (last, found): (Option<DVec3>, Smooth),
     ) -> DVec3 {
         let [elapsed, _] = at.periods;
         let seconds = elapsed as f64 * at.clock.period_s;
         let moved = at.velocity_at(contact.arm).length() * seconds / self.plan.radius_m;
-        let shaded = match (last, smooth) {
-            (Some(last), Some(smooth)) => turned_to(last, smooth, moved * self.plan.max_turn),
-            _ => smooth.unwrap_or(normal),
+        let shaded = match (last, found) {
+            (Some(last), Smooth::Towards(smooth)) => {
+                turned_to(last, smooth, moved * self.plan.max_turn)
+            }
+            (None, Smooth::Towards(smooth)) => smooth,
+            (last, Smooth::Unknown) => last.unwrap_or(normal),
+            (_, Smooth::Sharp) => normal,
         };
         match at.middle {
             Some(_) => shaded,
             None => turned_to(normal, shaded, self.plan.max_turn),
         }
     }
+}
+
+/// What the faces around a contact say of its direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Smooth {
+    /// A unit vector.
+    Towards(DVec3),
+    /// They are not alike: a sharp edge.
+    Sharp,
+    /// The work did not suffice to look at them.
+    Unknown,
 }
 
 /// A unit vector, turned towards another by at most an angle, radians.
@@ -204,4 +224,84 @@ fn turned_to(from: DVec3, to: DVec3, most: f64) -> DVec3 {
     }
     let aside = (to - from * from.dot(to)).normalize_or_zero();
     (from * most.cos() + aside * most.sin()).normalize_or(to)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::contact::query::Surface;
+    use crate::force::effects::contact_set::ContactSet;
+    use crate::force::effects::tests::Bench;
+    use crate::force::passivity::CouplingSpring;
+    use ab_tree::{AbTree, leaf_key};
+    use geometry::Wrench;
+    use spm::{ActiveMesh, Certified, NONE};
+
+    /// A roof of two faces, each tilted by a tenth of a radian.
+    fn roof() -> (ActiveMesh, AbTree) {
+        let mut mesh = ActiveMesh::new(4, 2, 0);
+        let corners = [
+            [0.0, -0.01, 0.0],
+            [0.0, 0.01, 0.0],
+            [-0.01, 0.0, -0.001],
+            [0.01, 0.0, -0.001],
+        ];
+        for (vertex, corner) in (0u32..).zip(corners) {
+            mesh.set_base_vertex(vertex, corner, Certified::EXACT);
+        }
+        let faces = [([0, 1, 2], [NONE, NONE, 1]), ([1, 0, 3], [NONE, NONE, 0])];
+        let mut tree = AbTree::new(2);
+        tree.preconstruct(2);
+        for (face, (corners, neighbours)) in (0u32..).zip(faces) {
+            mesh.set_base_face(face, corners, neighbours)
+                .expect("the vertices are there");
+            tree.insert(face, leaf_key(face, 2));
+        }
+        tree.refit(|face| mesh.face_box(face));
+        (mesh, tree)
+    }
+
+    /// A ball that rests beside a ridge feels the same direction however little of the surface
+    /// there is time to look at.
+    #[test]
+    fn the_direction_stays_where_there_is_no_time_to_look() {
+        let (mesh, tree) = roof();
+        let plan = ShadingPlan {
+            radius_m: 2e-3,
+            max_turn: 0.7,
+        };
+        let normal = DVec3::new(0.1, 0.0, 1.0).normalize();
+        let point = DVec3::new(2e-4, 0.0, -2e-5);
+        let mut bench = Bench::new(0.0);
+        let mut felt = |shading: &mut Shading, contacts: &mut ContactSet, max_work: u32| {
+            bench.step();
+            let sample = ContactSample {
+                max_work,
+                surface: Surface {
+                    mesh: &mesh,
+                    tree: &tree,
+                },
+                point,
+                middle: Some(point + normal * 1e-3),
+                ..bench.sample(&[])
+            };
+            let force = normal * 3.0;
+            let passive = Wrench {
+                force,
+                ..Wrench::ZERO
+            };
+            let mut out = Rendered::new(passive, CouplingSpring::default());
+            let mut acting = contacts.track(&sample, force);
+            shading.turn(&sample, acting.all(), 1.0, &mut out);
+            out.passive.force
+        };
+        let (mut shading, mut contacts) = (Shading::new(plan), ContactSet::default());
+        let first = felt(&mut shading, &mut contacts, 1000);
+        let turned = first.angle_between(normal);
+        assert!(turned > 0.02, "the ridge turns it: {turned}");
+        for max_work in (0..12).chain([1000]) {
+            let then = felt(&mut shading, &mut contacts, max_work);
+            assert!(first.distance(then) < 1e-12, "{max_work}: {first} {then}");
+        }
+    }
 }
