@@ -29,6 +29,7 @@ use crate::budget::{Budget, QueryBudget};
 use crate::contact::sphere_proxy::Contact;
 use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
+use crate::force::limiter::Passed;
 use crate::force::passivity::CarriedWork;
 use crate::observer::{Stage, StageObserver, ToolBefore};
 use crate::policy::reactive::Load;
@@ -171,7 +172,7 @@ impl Controller {
         for probe in 0..self.probes.len() {
             let rendered = self.render(probe, &mut record);
             let passed = self.limit(probe, tick, is_open, &rendered);
-            record.probes[probe].pass(passed);
+            record.probes[probe].pass(passed.force);
             self.report(probe, tick, &rendered, outputs, &mut record);
         }
         self.record(outputs, &mut record);
@@ -335,14 +336,11 @@ impl Controller {
         self.active.order_pairs(self.own_tick);
         let (pairs, objects) = (&self.active.pairs, &mut self.active.objects);
         let time = &mut self.governor.time;
-        let is_tool =
-            |objects: &[ActiveObject], (k, probe): (usize, usize)| objects[k].tool(probe).is_some();
-        let with_tool = pairs.iter().any(|&pair| is_tool(objects, pair));
         let probes = pairs.iter().map(|&(_, probe)| probe);
         let ns = time.for_queries();
         let mut budget = QueryBudget::new(&self.work, (time.costs(), ns), probes, observer);
-        // A tool may need several ticks with all time that there is.
-        let is_short = !with_tool || f64::from(ns) < USUAL_TOOL_UNITS * time.costs().tool;
+        // A tool may need several ticks with all time that there is, a ball does not.
+        let is_short = f64::from(ns) < USUAL_TOOL_UNITS * time.costs().tool;
         for &(k, probe) in pairs {
             if let Some((proxy, surface, goal)) = objects[k].tool_before(probe) {
                 let tool = ToolBefore {
@@ -362,7 +360,8 @@ impl Controller {
         record.query_work = budget.spent();
         record.query_units = budget.units();
         record.unfinished = objects.iter().map(|of| of.contacts.unfinished).sum();
-        let is_cut = is_short && record.unfinished > 0;
+        let with_ball = objects.iter().any(|of| of.contacts.unfinished_balls > 0);
+        let is_cut = with_ball || (is_short && record.unfinished > 0);
         let can_ask_for_less = objects.iter().any(ActiveObject::can_ask_for_less);
         self.governor
             .end_queries(self.own_tick, is_cut, can_ask_for_less);
@@ -430,8 +429,8 @@ impl Controller {
     }
 
     /// Passes a probe's forces through energy account and limiter; the objects that move get the
-    /// reaction. The share of the passive forces that has passed.
-    fn limit(&mut self, k: usize, tick: u64, is_open: bool, forces: &ProbeForces) -> f64 {
+    /// reaction. What has passed of the passive forces.
+    fn limit(&mut self, k: usize, tick: u64, is_open: bool, forces: &ProbeForces) -> Passed {
         let at = self.position_of(k);
         let clock = Clock {
             tick,
@@ -446,8 +445,8 @@ impl Controller {
         for active in &self.active.objects {
             let rendered = &active.contacts.pairs[k].rendered;
             if let (Some(object), Some(rendered)) = (active.object(), rendered) {
-                let passed = if is(Mutant::Reaction) { 0.5 } else { 1.0 } * shares[0];
-                let given = [rendered.passive * passed, rendered.active * shares[1]];
+                let passed = shares[0].times(if is(Mutant::Reaction) { 0.5 } else { 1.0 });
+                let given = [(rendered.passive, passed), (rendered.active, shares[1])];
                 self.movables.push(object, (k, renders_torque), given, at);
             }
         }

@@ -44,6 +44,7 @@ pub use extent::Extent;
 pub use material::material_motion;
 pub use report::MovedObject;
 
+use crate::force::limiter::Passed;
 use crate::force::passivity::CarriedWork;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
@@ -242,7 +243,7 @@ impl Movables {
         &mut self,
         object: u32,
         (probe, renders_torque): (usize, bool),
-        [limited, rest]: [Wrench; 2],
+        given: [(Wrench, Passed); 2],
         at: DVec3,
     ) {
         let Some(&body) = self.of_object.get(object as usize) else {
@@ -252,24 +253,26 @@ impl Movables {
         let Some(body) = self.bodies.get_mut(k) else {
             return;
         };
-        let wrench = limited + rest;
+        // The body feels the force that was passed at its contact; the device may have less of its
+        // torque.
+        let [limited, rest] = given.map(|(wrench, passed)| wrench * passed.force);
         let was_awake = body.is_awake();
-        body.push(&reaction(&wrench), at);
+        body.push(&reaction(&(limited + rest)), at);
         if body.is_awake() && !was_awake {
             self.awake.push(k);
         }
-        let rendered = |wrench: Wrench| {
+        let [limited, rest] = given.map(|(wrench, passed)| {
             if renders_torque {
-                wrench
+                passed.scale(&wrench)
             } else {
-                wrench.without_torque()
+                (wrench * passed.force).without_torque()
             }
-        };
+        });
         if self.pushes.len() < self.pushes.capacity() {
             self.pushes.push(Push {
                 body: k,
                 probe,
-                wrenches: [wrench, limited].map(rendered),
+                wrenches: [limited + rest, limited],
                 at,
             });
         }

@@ -61,6 +61,59 @@ pub struct LimitedWrench {
     pub clamped: bool,
 }
 
+/// The shares of a wrench's force and torque that a limiter passed, 0 to 1: each has a maximum of
+/// its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Passed {
+    /// Of the force; where there is none, of the torque.
+    pub force: f64,
+    /// Of the torque; where there is none, of the force.
+    pub torque: f64,
+}
+
+impl Passed {
+    /// All of a wrench.
+    pub const ALL: Self = Self {
+        force: 1.0,
+        torque: 1.0,
+    };
+
+    /// What of a wanted wrench is in a limited one.
+    #[must_use]
+    pub fn of(wanted: &Wrench, limited: &Wrench) -> Self {
+        let share = |passed: DVec3, whole: DVec3| {
+            let (passed, whole) = (passed.length(), whole.length());
+            let share = passed / whole;
+            // Of a wrench that is not finite nothing has passed; `min` would make it all.
+            (whole != 0.0).then_some(if share.is_nan() { 0.0 } else { share.min(1.0) })
+        };
+        let force = share(limited.force, wanted.force);
+        let torque = share(limited.torque, wanted.torque);
+        Self {
+            force: force.or(torque).unwrap_or(1.0),
+            torque: torque.or(force).unwrap_or(1.0),
+        }
+    }
+
+    /// Less of both.
+    #[must_use]
+    pub fn times(self, share: f64) -> Self {
+        Self {
+            force: self.force * share,
+            torque: self.torque * share,
+        }
+    }
+
+    /// The part of another wrench that has passed with it.
+    #[must_use]
+    pub fn scale(&self, wrench: &Wrench) -> Wrench {
+        Wrench {
+            force: wrench.force * self.force,
+            torque: wrench.torque * self.torque,
+        }
+    }
+}
+
 impl ForceLimiter {
     /// A closed limiter, at the start of its ramp. `device_max_n`: largest force of the device,
     /// newtons.
@@ -95,11 +148,12 @@ impl ForceLimiter {
         [self.force.step, self.torque.step]
     }
 
-    /// One tick. The ramp rises to 1 while `open`, and falls to 0 otherwise. A wrench that is not
-    /// finite counts as zero.
-    pub fn pass(&mut self, wanted: Wrench, open: bool) -> LimitedWrench {
-        let change = 1.0 / self.ramp_ticks;
-        self.ramp = (self.ramp + if open { change } else { -change }).clamp(0.0, 1.0);
+    /// One tick, so many periods after the one before. The ramp rises to 1 while `open`, by no more
+    /// than a period's part a tick, and falls to 0 otherwise, by that of every period. A wrench that
+    /// is not finite counts as zero.
+    pub fn pass(&mut self, wanted: Wrench, open: bool, elapsed: u64) -> LimitedWrench {
+        let change = if open { 1.0 } else { -(elapsed as f64) };
+        self.ramp = (self.ramp + change / self.ramp_ticks).clamp(0.0, 1.0);
         let finite = wanted.is_finite();
         let wanted = if finite { wanted } else { Wrench::ZERO };
         let (force, force_cut) = self.force.pass(wanted.force, self.ramp, self.last.force);
@@ -151,7 +205,7 @@ mod tests {
             for f in forces {
                 let force = DVec3::from_array(f);
                 let wanted = Wrench { force, torque: force.zxy() };
-                let Wrench { force, torque } = limiter.pass(wanted, true).wrench;
+                let Wrench { force, torque } = limiter.pass(wanted, true, 1).wrench;
                 prop_assert!(force.is_finite() && torque.is_finite());
                 prop_assert!(force.length() <= 8.0 && torque.length() <= 0.4);
                 prop_assert!(force.distance(last.force) <= 0.5 * (1.0 + 1e-12));
@@ -159,9 +213,36 @@ mod tests {
                 last = Wrench { force, torque };
             }
             for _ in 0..200 {
-                limiter.pass(Wrench::ZERO, false);
+                limiter.pass(Wrench::ZERO, false, 1);
             }
             prop_assert!(limiter.is_closed());
+        }
+    }
+
+    /// However many periods are skipped, the force is gone after the time of the ramp.
+    #[test]
+    fn the_ramp_down_takes_its_time_whatever_ticks_are_skipped() {
+        let wanted = Wrench {
+            force: DVec3::X * 5.0,
+            torque: DVec3::ZERO,
+        };
+        let ramp_periods = 100;
+        for elapsed in [1, 3, 8, 40, 300] {
+            let mut limiter = ForceLimiter::new(PLAN, 10.0, 1000.0);
+            for _ in 0..200 {
+                limiter.pass(wanted, true, elapsed);
+            }
+            assert_eq!(limiter.last.force.x, 5.0, "every {elapsed}");
+            let mut periods = 0;
+            while limiter.ramp > 0.0 {
+                limiter.pass(wanted, false, elapsed);
+                periods += elapsed;
+            }
+            let most = ramp_periods + elapsed;
+            assert!(
+                (ramp_periods..=most).contains(&periods),
+                "every {elapsed}: {periods}"
+            );
         }
     }
 }

@@ -36,6 +36,8 @@ pub struct Contacts {
     pub limits: Vec<(usize, PerceptionLimit)>,
     /// Proxies of this tick whose budget left a part of their motion to the next one.
     pub unfinished: u32,
+    /// Those of them that are balls.
+    pub unfinished_balls: u32,
     /// Tools of this tick that left a part of their motion to the next one though the budget had
     /// room.
     pub early: u32,
@@ -67,6 +69,7 @@ impl Contacts {
             pairs: plan.probes.iter().map(new_pair).collect(),
             limits: Vec::with_capacity(plan.probes.len() * crate::contact::rigid_proxy::MAX_BALLS),
             unfinished: 0,
+            unfinished_balls: 0,
             early: 0,
             late_contacts: 0,
             stuck: 0,
@@ -94,6 +97,7 @@ impl Contacts {
     /// A tick begins.
     pub fn begin_tick(&mut self) {
         self.unfinished = 0;
+        self.unfinished_balls = 0;
         self.early = 0;
         self.late_contacts = 0;
         self.stuck = 0;
@@ -215,6 +219,7 @@ impl Contacts {
         let step = pair.advance(surface, budget)?;
         self.dropped_constraints += u64::from(step.dropped);
         self.unfinished += u32::from(step.unfinished);
+        self.unfinished_balls += u32::from(step.unfinished && !pair.proxy.is_tool());
         self.early += u32::from(step.early);
         self.late_contacts += step.late_contacts;
         self.stuck += u32::from(step.stuck);

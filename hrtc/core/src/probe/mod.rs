@@ -8,7 +8,7 @@ pub(crate) mod proxy_kind;
 use crate::bodies::material_motion;
 use crate::contact::motion::{Placement, Twist};
 use crate::force::effects::{Clock, DeviceSample, Rendered, SceneEffects};
-use crate::force::limiter::ForceLimiter;
+use crate::force::limiter::{ForceLimiter, Passed};
 use crate::force::passivity::{CarriedWork, EnergyAccount};
 use crate::horizons::Horizons;
 use crate::instance::ModelFrame;
@@ -242,6 +242,11 @@ impl Probe {
         self.speed = kept_up.max(left * self.speed);
     }
 
+    /// Whether the device has moved without its wrench since the tick before, or to another place.
+    pub fn was_interrupted(&self) -> bool {
+        self.was_cut || self.last.is_none()
+    }
+
     /// Periods since the tick before, and those from the pose of that tick to that of this one.
     pub fn periods(&self) -> [u64; 2] {
         [self.elapsed, self.periods]
@@ -269,14 +274,14 @@ impl Probe {
 
     /// Passes what all touches, and the scene, want through energy account and force limiter to the
     /// device. `ahead`: the work of what passive over the motion of the material in the coming
-    /// period. The shares that have passed of what passive and of what drives.
+    /// period. What has passed of what is passive, and of what drives.
     pub fn limit(
         &mut self,
         clock: Clock,
         mut wanted: Rendered,
         mut ahead: CarriedWork,
         is_open: bool,
-    ) -> [f64; 2] {
+    ) -> [Passed; 2] {
         self.render_effects(clock, &mut wanted);
         if !self.renders_torque {
             // It does no work then.
@@ -297,31 +302,16 @@ impl Probe {
         } else {
             passive
         };
-        let output = self.limiter.pass(sum, open);
+        let output = self.limiter.pass(sum, open, self.elapsed);
         (self.wrench, self.clamped) = (output.wrench, output.clamped);
-        // The limiter scales both alike.
-        let lengths = |of: &Wrench| [of.force.length(), of.torque.length()];
-        let ([force, torque], [whole_force, whole_torque]) =
-            (lengths(&output.wrench), lengths(&sum));
-        // A couple has no force.
-        let (passed, whole) = if whole_force > 0.0 {
-            (force, whole_force)
-        } else {
-            (torque, whole_torque)
-        };
-        let share = if whole > 0.0 {
-            (passed / whole).min(1.0)
-        } else {
-            1.0
-        };
-        let share = if share.is_nan() { 0.0 } else { share };
+        let passed = Passed::of(&sum, &output.wrench);
         let limited = if is_driven {
-            passive * share
+            passed.scale(&passive)
         } else {
             output.wrench
         };
         self.energy.set_output(output.wrench, limited);
-        [given * share, share]
+        [passed.times(given), passed]
     }
 
     /// Books the motion of this tick, and adds the effects of the scene to what is wanted.

@@ -310,3 +310,41 @@ fn a_wrench_that_is_no_number_does_no_work_beside_an_active_effect() {
         assert!(held.probe.energy.joules().is_finite());
     }
 }
+
+/// Force and torque have maxima of their own: where one of them is cut, the other has passed.
+#[test]
+fn a_torque_that_is_cut_says_nothing_of_the_force() {
+    let mut held = Held::new();
+    held.probe.renders_torque = true;
+    let mut wanted = Rendered::default();
+    wanted.passive.force = DVec3::Z * WANTED;
+    wanted.passive.torque = DVec3::X * 0.6;
+    wanted.active.force = DVec3::X * 0.1;
+    let mut passed = [Passed::ALL; 2];
+    for tick in 1..=2 * RAMP {
+        held.probe.sample(Some(Sample::at(Pose::IDENTITY)), 1);
+        let clock = Clock {
+            tick,
+            period_s: 1e-3,
+        };
+        passed = held
+            .probe
+            .limit(clock, wanted, CarriedWork::default(), true);
+    }
+    let [passive, active] = passed;
+    assert_eq!(passive, active, "without an energy account");
+    // The default limit of 0.3 N m.
+    assert!((passive.force - 1.0).abs() < 1e-12 && (passive.torque - 0.5).abs() < 1e-12);
+    let half = passive.scale(&wanted.passive);
+    assert!(half.force.distance(wanted.passive.force) < 1e-12);
+    assert!(half.torque.distance(0.5 * wanted.passive.torque) < 1e-12);
+    // A couple has no force, and no wrench is passed whole.
+    let couple = wanted.passive.torque;
+    let of = |force, torque, share: f64| {
+        let whole = Wrench { force, torque };
+        Passed::of(&whole, &(whole * share))
+    };
+    assert!((of(DVec3::ZERO, couple, 0.25).force - 0.25).abs() < 1e-12);
+    assert_eq!(of(DVec3::ZERO, DVec3::ZERO, 0.0), Passed::ALL);
+    assert_eq!(of(DVec3::NAN, couple, 0.5).force, 0.0);
+}
