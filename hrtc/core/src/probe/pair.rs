@@ -283,6 +283,7 @@ impl ProbeObjectPair {
                 max_work: budget.left(QueryWork::Effects),
                 clock,
                 periods: probe.periods(),
+                is_interrupted: probe.was_interrupted(),
                 surface,
                 metres_per_unit: scale,
                 origin: frame.origin * scale,
@@ -296,6 +297,7 @@ impl ProbeObjectPair {
                 velocity: velocity.linear,
                 angular: velocity.angular,
                 stiffness_n_per_m: plan.stiffness_n_per_m,
+                paid_n_per_m: spring.stiffness_n_per_m,
                 undamped: of_spring / size,
             };
             let mut work = Work::default();

@@ -230,9 +230,13 @@ impl Friction {
         let Some(account) = &mut self.account else {
             return [DVec3::ZERO; 2];
         };
-        let (before, torque) = self
-            .last
-            .map_or((at.device, DVec3::ZERO), |last| (last.device, last.torque));
+        if at.is_interrupted {
+            // What it did meanwhile it did not do against this force.
+            *account = account.restarted();
+        }
+        let last = self.last.filter(|_| !at.is_interrupted);
+        let (before, torque) =
+            last.map_or((at.device, DVec3::ZERO), |last| (last.device, last.torque));
         let turn = placement(&before).to(&placement(&at.device)).angular;
         let turned_j = torque.dot(turn);
         account.moved_to(&Pose::at(at.device.position), at.periods, [-turned_j; 2]);

@@ -67,6 +67,8 @@ pub struct ContactSample<'a> {
     /// Periods since the tick before, and those of the probe's motion since: see
     /// [`crate::force::passivity::EnergyAccount::moved_to`].
     pub periods: [u64; 2],
+    /// Whether the device has moved without its wrench since the tick before, or to another place.
+    pub is_interrupted: bool,
     /// The surface, in the model's units.
     pub surface: Surface<'a>,
     /// Metres a model unit.
@@ -94,6 +96,8 @@ pub struct ContactSample<'a> {
     pub angular: DVec3,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
+    /// That of it which its spring has now: less where a contact that was found late is paid for.
+    pub paid_n_per_m: f64,
     /// Force of the surface's spring over the whole force of the surface, with damping.
     pub undamped: f64,
 }
@@ -532,6 +536,7 @@ mod tests {
                     period_s: 1e-3,
                 },
                 periods: [1; 2],
+                is_interrupted: false,
                 surface: Surface {
                     mesh: &self.mesh,
                     tree: &self.tree,
@@ -548,6 +553,7 @@ mod tests {
                 velocity: DVec3::ZERO,
                 angular: DVec3::ZERO,
                 stiffness_n_per_m: 800.0,
+                paid_n_per_m: 800.0,
                 undamped: 1.0,
             }
         }

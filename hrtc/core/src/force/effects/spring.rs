@@ -49,8 +49,14 @@ impl Spring {
             let nearest = (0..=last).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
             nearest.unwrap_or(0)
         });
+        // A path that ends where it begins goes on there.
+        let is_closed = path.len() > 2 && path.first() == path.last();
         for _ in 0..MAX_PATH_STEPS {
-            let neighbours = [piece.saturating_sub(1), (piece + 1).min(last)];
+            let neighbours = if is_closed {
+                [(piece + last) % (last + 1), (piece + 1) % (last + 1)]
+            } else {
+                [piece.saturating_sub(1), (piece + 1).min(last)]
+            };
             let here = distance(piece);
             let Some(&nearer) = neighbours.iter().find(|&&other| distance(other) < here) else {
                 break;
@@ -100,6 +106,22 @@ mod tests {
             force = held.force(DVec3::new(x, 0.008, 0.0), DVec3::ZERO);
         }
         assert!((force.y + 0.8).abs() < 1e-9, "{force}");
+    }
+
+    #[test]
+    fn a_closed_path_has_no_seam() {
+        let corners = [DVec3::ZERO, DVec3::X, DVec3::ONE, DVec3::Y, DVec3::ZERO];
+        let mut held = spring(corners.map(|of| of.with_z(0.0) * 0.1).to_vec());
+        // Twice around, and back.
+        let at = |k: i32| {
+            let along = f64::from(k.rem_euclid(400)) / 100.0;
+            let (side, share) = (along as usize, along.fract());
+            corners[side].lerp(corners[side + 1], share).with_z(0.0) * 0.1
+        };
+        for k in (0..=800).chain((-800..800).rev()) {
+            let force = held.force(at(k), DVec3::ZERO);
+            assert!(force.length() < 1e-9, "{k}: {force}");
+        }
     }
 
     #[test]

@@ -84,7 +84,7 @@ impl Texture {
         let lowered = amplitude * (relief.height - 1.0);
         let slope = relief.gradient * amplitude;
         let tilted = normal - slope + normal * normal.dot(slope);
-        let lowered_n = at.stiffness_n_per_m * contact.share * lowered;
+        let lowered_n = at.paid_n_per_m * contact.share * lowered;
         let pressed = (size + lowered_n).max(0.0);
         let force = tilted * pressed;
         contact.add(force - contact.force, out);
