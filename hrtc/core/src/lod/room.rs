@@ -26,8 +26,10 @@ impl Front {
     /// room.
     pub(super) fn keep_some_room(&mut self, tick: u64, budget: &mut Budget) {
         self.obey_limit(tick, budget);
+        // What is only loaded ahead goes before the contact comes coarser.
+        let asking = self.cache.is_over_limit().then_some(0);
         for _ in 0..RELEASES_PER_TICK {
-            if !self.cache.is_nearly_full() || !self.release_one(None, tick, budget) {
+            if !self.cache.is_nearly_full() || !self.release_one(asking, tick, budget) {
                 break;
             }
         }
@@ -44,7 +46,8 @@ impl Front {
     }
 
     /// Evicts what nothing holds while the cache is over a limit that was lowered. Where no more
-    /// goes for the time that an unused region is kept, less is asked for.
+    /// goes for the time that an unused region is kept, though the station could be told, less is
+    /// asked for.
     fn obey_limit(&mut self, tick: u64, budget: &mut Budget) {
         let evicted = self
             .cache
@@ -55,6 +58,11 @@ impl Front {
             return;
         }
         let bytes = self.cache.in_use();
+        if self.is_unloading() || !self.cache.regions.may_release() {
+            // More goes as soon as the station can be told.
+            self.excess = Some((bytes, tick));
+            return;
+        }
         match self.excess {
             Some((least, since)) if bytes >= least => {
                 if tick > since + self.horizons.hysteresis {

@@ -1,6 +1,7 @@
 //! The cache's limit is lowered and raised while a probe touches.
 
-use crate::common::{plan, spm, world};
+use crate::common::{plan, scene_plan, scene_world, settle, spm, world};
+use glam::DVec3;
 use hrtc_core::{Controller, NoObserver};
 use scene::{CacheChangePlan, ProbeShape, ScenePlan};
 use simulator::{ClientOptions, Playback, Random};
@@ -132,5 +133,33 @@ fn limits_that_change_at_random_do_no_harm() {
             println!("seed {seed}, {of:?}: {held:?}");
             assert!(held.ticks <= OBEYS_TICKS);
         }
+    }
+}
+
+/// What is only loaded ahead, around a probe that rests, goes before the contact comes coarser.
+#[test]
+fn at_rest_the_contact_keeps_its_resolution_while_its_neighbours_go() {
+    let model = spm(generate(Shape::Sphere, 60_000, 1), &BuildOptions::default());
+    let plan = scene_plan(&[("model.spm", 0.15, DVec3::ZERO)], 1, 16 << 20);
+    // A hair inside, so that it is touched.
+    let place = DVec3::new(0.3, -0.4, 0.8).normalize() * 0.0755;
+    for share in [0.9, 0.8, 0.7] {
+        let mut world = scene_world(&plan, &[("model.spm", &model[..])], 0.0);
+        settle(&mut world, &[Some(place)]);
+        let used = world.outputs().record.cache_bytes;
+        let limit = (share * used as f64) as u64;
+        world.controller_mut().set_cache_limit(limit as usize);
+        let mut ticks = 0;
+        for tick in 0..3 * OBEYS_TICKS {
+            world.step_at(place);
+            let record = &world.outputs().record;
+            assert!(record.contact_full, "{share}: tick {tick}");
+            assert_eq!(record.finest_tolerance_m, 0.0, "{share}: tick {tick}");
+            if record.cache_bytes > limit {
+                ticks = tick + 1;
+            }
+        }
+        println!("{share} of {used} bytes: kept after {ticks} ticks");
+        assert!(ticks > 0 && ticks < OBEYS_TICKS);
     }
 }
