@@ -80,6 +80,9 @@ pub enum CacheError {
     },
 }
 
+/// Records that one stands on, at the most: its vertex's and those of four faces.
+const MAX_DEPENDENCIES: u16 = 5;
+
 /// Why a record was not loaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LoadError {
@@ -387,6 +390,10 @@ impl Cache {
         if known.is_none() && !record_follows {
             return Err(LoadError::Gap);
         }
+        // A sound station names it once a region, and there are fewer of those.
+        if known.is_some_and(|slot| self.references[slot as usize].held == u16::MAX) {
+            return Err(LoadError::Damaged);
+        }
         let mut list = self.regions.at(region).closure;
         if !self.lists.push(&mut list, known.unwrap_or(id | PENDING)) {
             return Err(LoadError::NoRoom);
@@ -414,7 +421,8 @@ impl Cache {
     /// closure that may be gone through on the way to it.
     ///
     /// # Errors
-    /// See [`LoadError`]; nothing has changed then.
+    /// See [`LoadError`]; nothing has changed then, but that a record which nothing holds may be
+    /// gone.
     pub fn load(
         &mut self,
         region: usize,
@@ -437,6 +445,31 @@ impl Cache {
         if record.validate(expected, self.sizes).is_err() {
             return Err(LoadError::Damaged);
         }
+        let slot = self.take_slot().ok_or(LoadError::NoRoom)?;
+        if let Err(error) = self.put(slot, record) {
+            self.free.push(slot);
+            return Err(error);
+        }
+        self.ids.insert(expected, slot);
+        self.references[slot as usize] = References {
+            held: 1,
+            ..References::default()
+        };
+        for dependency in self.mesh.dependencies(slot) {
+            self.references[dependency as usize].loaded_dependents += 1;
+        }
+        self.loaded += 1;
+        self.loaded_high_water = self.loaded_high_water.max(self.loaded);
+        self.lists.set(cursor, slot);
+        let entry = self.regions.at_mut(region);
+        entry.cursor = self.lists.next(cursor);
+        entry.pending -= 1;
+        Ok(())
+    }
+
+    /// Puts a sound record into a slot. What it stands on is looked up only now: to have the slot,
+    /// a record may have been evicted.
+    fn put(&mut self, slot: Slot, record: &VspRecord) -> Result<(), LoadError> {
         let (base_vertices, base_faces) = (self.sizes.base_vertices, self.sizes.base_faces);
         let handle = |id: u32, base: u32| -> Result<u32, LoadError> {
             match id.checked_sub(base) {
@@ -457,22 +490,14 @@ impl Cache {
         if is(Mutant::Certified) {
             certified = [Certified::EXACT; 2];
         }
-        let slot = self.take_slot().ok_or(LoadError::NoRoom)?;
         self.mesh.load(slot, record, vs, fn_, certified);
-        self.ids.insert(expected, slot);
-        self.references[slot as usize] = References {
-            held: 1,
-            ..References::default()
-        };
-        for dependency in self.mesh.dependencies(slot) {
-            self.references[dependency as usize].loaded_dependents += 1;
+        // Of a sound model some tens stand on one.
+        let most = u16::MAX - MAX_DEPENDENCIES;
+        let stand_on = |of: Slot| self.references[of as usize].loaded_dependents;
+        if self.mesh.dependencies(slot).any(|of| stand_on(of) > most) {
+            self.mesh.unload(slot);
+            return Err(LoadError::Damaged);
         }
-        self.loaded += 1;
-        self.loaded_high_water = self.loaded_high_water.max(self.loaded);
-        self.lists.set(cursor, slot);
-        let entry = self.regions.at_mut(region);
-        entry.cursor = self.lists.next(cursor);
-        entry.pending -= 1;
         Ok(())
     }
 
