@@ -6,6 +6,7 @@
 //! places, the nearest have them. One object becomes active a tick, so that a tick stays short.
 
 use super::broad_phase::{Ball, BroadPhase, Near};
+use super::faults::ModelFaults;
 use super::object::ActiveObject;
 use super::shares::{part_of, weights_of};
 use crate::bodies::{Extent, Movables};
@@ -56,9 +57,7 @@ pub struct ActiveSet {
     /// The first of them whose model may be unknown.
     next_fetch: usize,
     /// Faults that ended the use of each model.
-    faults: Vec<Option<Fault>>,
-    /// Models that are not known and cannot be, for a fault.
-    lost: usize,
+    faults: ModelFaults,
     /// Incarnation of the last station that lived.
     station: u64,
     /// The epoch in which the next session of each object begins.
@@ -114,8 +113,7 @@ impl ActiveSet {
             unplaced: to_fetch.iter().rev().copied().collect(),
             to_fetch,
             next_fetch: 0,
-            faults: vec![None; models],
-            lost: 0,
+            faults: ModelFaults::new(models),
             station: 0,
             epochs: vec![0; instances.len()],
             order: Vec::with_capacity(count),
@@ -136,8 +134,14 @@ impl ActiveSet {
         let is_another = station != 0 && station != self.station;
         if is_another {
             self.station = station;
-            self.faults.fill(None);
-            self.lost = 0;
+            self.faults.clear();
+        }
+        let after = self.horizons.refused;
+        let is_known = |model| self.store.model(model).is_some();
+        if self.faults.try_again(tick, after, is_known) {
+            for object in &mut self.objects {
+                object.try_place_again(tick);
+            }
         }
         is_another
     }
@@ -145,43 +149,39 @@ impl ActiveSet {
     /// Whether every model is known that can be.
     #[must_use]
     pub fn is_complete(&self) -> bool {
-        self.store.known() + self.lost == self.faults.len()
+        self.store.known() + self.faults.lost() == self.faults.models()
     }
 
     /// Whether nothing of the scene can be touched: no model is known or can be.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        self.lost == self.faults.len()
+        self.faults.lost() == self.faults.models()
     }
 
     /// Whether a fault ended the use of any model.
     #[must_use]
     pub fn has_fault(&self) -> bool {
-        self.faults.iter().any(Option::is_some)
+        self.faults.any()
     }
 
     /// The fault that ended the use of an object's model.
     #[must_use]
     pub fn fault_of(&self, instance: &ObjectInstance) -> Option<Fault> {
-        self.faults[instance.model]
+        self.faults.of(instance.model)
     }
 
     /// Whether an object's model is not known and cannot be.
     fn is_lost_object(&self, object: u32) -> bool {
         let model = self.instances[object as usize].model;
-        self.faults[model].is_some() && self.store.model(model).is_none()
+        self.faults.of(model).is_some() && self.store.model(model).is_none()
     }
 
     /// Takes the faults of the sessions over.
-    fn note_faults(&mut self) {
-        for object in self.objects.iter().filter(|of| of.session.is_ended()) {
-            if let Some(instance) = &object.instance {
-                self.faults[instance.model] = object.session.fault;
-            }
-        }
-        let faults = self.faults.iter().enumerate();
-        let lost = faults.filter(|&(k, of)| of.is_some() && self.store.model(k).is_none());
-        self.lost = lost.count();
+    fn note_faults(&mut self, tick: u64) {
+        let ended = self.objects.iter().filter(|of| of.session.is_ended());
+        let faults = ended.filter_map(|of| Some((of.instance?.model, of.session.fault)));
+        let is_known = |model| self.store.model(model).is_some();
+        self.faults.note(faults, is_known, tick);
     }
 
     /// The active object of the scene's number, if it is active.
@@ -250,7 +250,7 @@ impl ActiveSet {
             object.go_on_unloading(budget);
         }
         if self.objects.iter().any(|of| of.session.is_ended()) {
-            self.note_faults();
+            self.note_faults(tick);
         }
         consumed
     }

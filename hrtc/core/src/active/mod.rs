@@ -2,5 +2,6 @@
 
 pub(crate) mod active_set;
 pub mod broad_phase;
+mod faults;
 pub(crate) mod object;
 mod shares;

@@ -238,6 +238,11 @@ impl ActiveObject {
             .begin_tick(station, tick, meter, &mut self.front);
     }
 
+    /// Asks the station again, if it had no place.
+    pub(crate) fn try_place_again(&mut self, tick: u64) {
+        self.session.try_place_again(&mut self.front, tick);
+    }
+
     /// Loads more of a stored base mesh.
     pub(crate) fn load_stored(&mut self, context: &mut TickContext<'_, '_>) {
         if let Some((session, mut of)) = self.receiver() {

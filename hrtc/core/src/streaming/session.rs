@@ -178,20 +178,33 @@ impl Session {
         if self.subscriber.is_another(station) {
             let is_partial = self.progress.header.is_some() && front.model().is_none();
             if is_partial || self.is_ended() {
-                self.progress = Progress::default();
-                if front.model().is_none() {
-                    front.begin_clear();
-                    self.loading = None;
-                    self.subscriber.model_is(0);
-                }
-            }
-            if self.is_ended() {
-                self.fault = None;
+                self.begin_anew(front);
             }
         }
         if !self.is_ended() {
             self.subscriber
                 .observe(station, tick, meter, &mut front.cache);
+        }
+    }
+
+    /// What was going on is over, and the fault that ended it.
+    fn begin_anew(&mut self, front: &mut Front) {
+        self.progress = Progress::default();
+        if front.model().is_none() {
+            front.begin_clear();
+            self.loading = None;
+            self.subscriber.model_is(0);
+        }
+        if self.is_ended() {
+            self.fault = None;
+        }
+    }
+
+    /// Asks again if the station had no place.
+    pub fn try_place_again(&mut self, front: &mut Front, tick: u64) {
+        if self.fault == Some(Fault::NoPlace) {
+            self.begin_anew(front);
+            self.subscriber.end_epoch(tick, &mut front.cache);
         }
     }
 
@@ -226,7 +239,12 @@ impl Session {
         meter: &LinkMeter,
         outbox: &mut Outbox,
     ) {
-        if self.is_ended() || front.cache.is_clearing() {
+        if self.is_ended() {
+            // Nobody is told any more, so that a lowered limit is kept without the station too.
+            front.cache.regions.drain_releases(|_| ());
+            return;
+        }
+        if front.cache.is_clearing() {
             return;
         }
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);

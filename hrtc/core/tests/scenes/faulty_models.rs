@@ -141,6 +141,26 @@ fn a_faulty_model_leaves_the_others_touchable_and_a_repaired_one_is_touched() {
     }
 }
 
+/// A controller that ends leaves its place to one that was turned away, for one object of several
+/// too.
+#[test]
+fn what_the_station_had_no_place_for_is_asked_for_again() {
+    let (_, mut world) = row(6 << 20);
+    world.client_mut().link().tamper(|chunk| {
+        if chunk.header.kind == ChunkKind::Model as u32 && chunk.header.object == BAD {
+            no_place(chunk);
+        }
+    });
+    expect_all_but_the_bad_one(&mut world, Fault::NoPlace);
+    world.client_mut().link().stop_tampering();
+    for _ in 0..2500 {
+        world.step_at(above(BAD, 0.02));
+    }
+    assert_eq!(world.controller().faults().count(), 0);
+    let force = press(&mut world, BAD);
+    assert!(force > 0.5, "{force} N");
+}
+
 /// No force is given before every model is known, but a hand that enters an object meanwhile has
 /// its proxy outside, to which the force leads then.
 #[test]
