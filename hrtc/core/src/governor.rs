@@ -422,12 +422,12 @@ impl Governor {
     pub fn end_queries(&mut self, tick: u64, is_cut: bool, can_ask_for_less: bool) {
         let allowed = self.time.allowed;
         if is_cut {
-            self.cut += 1.0;
+            self.cut = (self.cut + 1.0).min(MAX_CUT);
             self.cut_ns = self.cut_ns.max(allowed);
         } else {
             self.cut = (self.cut - CUT_FADES).max(0.0);
         }
-        if self.cut >= MAX_CUT && can_ask_for_less && self.steps.want(tick) {
+        if is_cut && self.cut >= MAX_CUT && self.steps.want(tick) && can_ask_for_less {
             self.cut = 0.0;
             self.steps.step(tick);
         }

@@ -218,11 +218,14 @@ impl ToolProxy {
         if !(scale.is_normal() && scale > 0.0) {
             return Err(ToolProxyError::NoExtent);
         }
-        self.shape.rescale(&self.tool, scale);
+        // All of the tool is gone through: not again for each object of the same scale.
+        if scale != self.scale {
+            self.shape.rescale(&self.tool, scale);
+            self.scale = scale;
+        }
         if !(self.shape.gyration.is_normal() && self.shape.radius.is_finite()) {
             return Err(ToolProxyError::NoExtent);
         }
-        self.scale = scale;
         self.invalidate();
         self.mesh_change = MeshChange::new();
         self.moving_offset = 0.0;
