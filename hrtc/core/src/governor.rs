@@ -546,7 +546,7 @@ mod tests {
             governor.steps()
         };
         assert_eq!(run(1.0, 5, 1), 0);
-        assert_eq!(run(8.0, 5, 4), 5, "no more than change something");
+        assert_eq!(run(8.0, 5, 14), 5, "no more than change something");
         assert_eq!(
             run(1.0, 5, 1),
             0,

@@ -122,7 +122,25 @@ pub(super) fn check(plan: &ScenePlan, costs: WorkCosts) -> Result<(), RunError> 
     if need.operations < 0.99 * operations as f64 {
         note!("{}", short_of_time(&need, &plan.loop_));
     }
+    if let Some(crowd) = crowd(costs, &plan.loop_, [balls, tools], plan.active_objects()) {
+        note!("{crowd}");
+    }
     Ok(())
+}
+
+/// Said where a tick has no time for every probe near so many objects at once.
+fn crowd(costs: WorkCosts, plan: &LoopPlan, probes: [usize; 2], objects: usize) -> Option<String> {
+    let pairs = probes.map(|probes| probes * objects);
+    let need = TickNeed::new(costs, 1.0 / plan.rate_hz, plan.operations, pairs);
+    let us = |ns: f64| (1e-3 * ns).ceil();
+    (need.fixed_ns > need.share_ns).then(|| {
+        format!(
+            "where {} probe(s) are near {objects} objects at once a tick takes {} of the {} us that it may work here, and is late: objects farther apart, fewer probes or a lower [loop] rate_hz leave it time",
+            probes[0] + probes[1],
+            us(need.fixed_ns),
+            us(need.share_ns)
+        )
+    })
 }
 
 /// What a tick has no time for, and what to do.
@@ -189,6 +207,16 @@ mod tests {
         );
         let none = short_of_time(&need(32.0), &plan);
         assert!(none.contains("even without contact"), "{none}");
+    }
+
+    #[test]
+    fn too_many_objects_near_all_probes_are_told() {
+        let costs = |slow| WorkCosts::REFERENCE.scaled([slow; 4]);
+        let of = |slow, objects| crowd(costs(slow), &plan(None, false), [3, 1], objects);
+        assert_eq!(of(1.0, 9), None);
+        assert_eq!(of(8.0, 1), None);
+        let late = of(8.0, 9).expect("a millisecond does not suffice");
+        assert!(late.contains("4 probe(s) are near 9 objects"), "{late}");
     }
 
     #[test]

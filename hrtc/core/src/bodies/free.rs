@@ -6,6 +6,7 @@
 use super::body::Step;
 use super::extent::Extent;
 use super::spring_damper::SpringDamper;
+use crate::contact::motion::rotation_vector;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::FreePlan;
@@ -110,8 +111,7 @@ impl Free {
 
 /// Rotation vector from `home` to `axes`, radians, length at most π.
 fn from_home(home: DQuat, axes: DQuat) -> DVec3 {
-    let turn = axes * home.conjugate();
-    (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis()
+    rotation_vector(axes * home.conjugate())
 }
 
 /// The vector, shortened to this length; zero for one that is not finite.

@@ -62,6 +62,22 @@ pub struct Placement {
     pub orientation: DQuat,
 }
 
+/// Rotation vector of a unit quaternion, radians, by the shorter way: a length of at most pi. Of the
+/// smallest turns too, which `to_scaled_axis` takes for none.
+#[must_use]
+pub(crate) fn rotation_vector(turn: DQuat) -> DVec3 {
+    let turn = if turn.w < 0.0 { -turn } else { turn };
+    let sine = turn.xyz();
+    let length = sine.length();
+    // The angle divided by its sine; both vanish together.
+    let stretch = if length > 0.0 {
+        2.0 * length.atan2(turn.w) / length
+    } else {
+        2.0
+    };
+    sine * stretch
+}
+
 impl Placement {
     /// The origin of the model.
     pub(crate) const NOWHERE: Self = Self {
@@ -72,19 +88,9 @@ impl Placement {
     /// The motion to another placement, by the shorter rotation.
     #[must_use]
     pub fn to(&self, there: &Self) -> Twist {
-        let turn = there.orientation * self.orientation.conjugate();
-        let turn = if turn.w < 0.0 { -turn } else { turn };
-        let sine = turn.xyz();
-        let length = sine.length();
-        // The angle divided by its sine; both vanish together.
-        let stretch = if length > 0.0 {
-            2.0 * length.atan2(turn.w) / length
-        } else {
-            2.0
-        };
         Twist {
             linear: there.centre - self.centre,
-            angular: sine * stretch,
+            angular: rotation_vector(there.orientation * self.orientation.conjugate()),
         }
     }
 

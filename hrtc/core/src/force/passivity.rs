@@ -67,6 +67,7 @@
 //! (`RAISED_FADES_S`). A device that stands and is withdrawn later gets none of it.
 
 use super::device_motion::DeviceMotion;
+use crate::contact::motion::rotation_vector;
 use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
 use crate::tuning::force::{
     EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, VELOCITY_WINDOW_S,
@@ -220,10 +221,8 @@ impl EnergyAccount {
         [elapsed, periods]: [u64; 2],
         [carried, limited]: [f64; 2],
     ) {
-        let turn = pose.orientation * self.orientation.inverse();
+        let turned = rotation_vector(pose.orientation * self.orientation.inverse());
         self.orientation = pose.orientation;
-        // At most half a turn.
-        let turned = (if turn.w < 0.0 { -turn } else { turn }).to_scaled_axis();
         let turned_to = self.rotation.newest().unwrap_or_default() + turned;
         let moved = self.translation.moved_to(pose.position, [elapsed, periods]);
         let turned = self.rotation.moved_to(turned_to, [elapsed, periods]);

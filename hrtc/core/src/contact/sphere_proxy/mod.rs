@@ -188,7 +188,7 @@ impl Proxy {
         }
     }
 
-    /// Its position, model units; the device's own before it is placed.
+    /// Its position, model units; the origin before it is placed.
     #[must_use]
     pub fn position(&self) -> DVec3 {
         self.position
