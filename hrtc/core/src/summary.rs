@@ -37,7 +37,7 @@ impl Controller {
                 let scale = frame.metres_per_unit;
                 finest = finest.max(f64::from(front.finest_tolerance()) * scale);
                 if let Some(distance) = session.measured {
-                    measured = measured.max(distance * scale);
+                    measured = max_or_nan(measured, distance * scale);
                 }
             }
         }

@@ -6,7 +6,7 @@ use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -53,21 +53,26 @@ impl RecordingPlace {
     }
 }
 
-/// Work of the thread.
+/// Work of the thread, each with the first tick that is lost where it cannot be done.
 enum Job {
     /// Begin the file of this number.
-    Begin(u32),
+    Begin(u32, u64),
     /// Add bytes to it.
-    Bytes(Vec<u8>),
+    Bytes(Vec<u8>, u64),
 }
 
+/// No tick is lost.
+const NOTHING: u64 = u64::MAX;
+
 /// News of the thread.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct News {
     /// Bytes that wait.
     queued: AtomicUsize,
     /// Whether the present file takes no more bytes.
     failed: AtomicBool,
+    /// The first tick that it does not hold, or [`NOTHING`].
+    lost_from: AtomicU64,
     /// Why.
     reason: Mutex<String>,
 }
@@ -87,7 +92,12 @@ impl Disk {
     pub(super) fn start(place: RecordingPlace) -> Result<Self, RecordingError> {
         let (jobs, work) = sync_channel(RECORDING_JOBS);
         let (report, done) = sync_channel(1);
-        let news = Arc::new(News::default());
+        let news = Arc::new(News {
+            queued: AtomicUsize::new(0),
+            failed: AtomicBool::new(false),
+            lost_from: AtomicU64::new(NOTHING),
+            reason: Mutex::default(),
+        });
         let mut files = Files::new(place, Arc::clone(&news));
         let first = files.place.path(0);
         files
@@ -107,13 +117,14 @@ impl Disk {
         Ok(Self { jobs, news, done })
     }
 
-    /// Begins another file.
-    pub(super) fn begin(&self, number: u32) -> bool {
-        self.jobs.try_send(Job::Begin(number)).is_ok()
+    /// Begins another file, with the keyframe before a tick.
+    pub(super) fn begin(&self, number: u32, tick: u64) -> bool {
+        self.jobs.try_send(Job::Begin(number, tick)).is_ok()
     }
 
-    /// Hands bytes over; `false` when they are lost, since the disk is slow or refuses.
-    pub(super) fn write(&self, bytes: Vec<u8>) -> bool {
+    /// Hands over bytes that begin with a tick; `false` when they are lost, since the disk is slow
+    /// or refuses.
+    pub(super) fn write(&self, bytes: Vec<u8>, tick: u64) -> bool {
         let length = bytes.len();
         let queued = self.news.queued.load(Ordering::Acquire);
         // Not the length added: a keyframe may be longer than all that may wait before it.
@@ -121,7 +132,7 @@ impl Disk {
             return false;
         }
         self.news.queued.fetch_add(length, Ordering::AcqRel);
-        let sent = self.jobs.try_send(Job::Bytes(bytes)).is_ok();
+        let sent = self.jobs.try_send(Job::Bytes(bytes, tick)).is_ok();
         if !sent {
             self.news.queued.fetch_sub(length, Ordering::AcqRel);
         }
@@ -138,6 +149,13 @@ impl Disk {
         let failed = self.news.failed.load(Ordering::Acquire);
         let reason = || self.news.reason.lock().map(|of| of.clone());
         failed.then(|| reason().unwrap_or_default())
+    }
+
+    /// The first tick that was handed over and is on no file, where the present one takes no more:
+    /// what waited behind it is lost with it.
+    pub(super) fn lost_from(&self) -> Option<u64> {
+        let tick = self.news.lost_from.load(Ordering::Acquire);
+        (tick != NOTHING).then_some(tick)
     }
 
     /// Waits for the last byte; the files that are kept, oldest first. A disk that hangs is left
@@ -178,14 +196,16 @@ impl Files {
     }
 
     fn take(&mut self, job: Job) {
-        let done = match &job {
-            Job::Begin(number) => self.begin(*number),
-            Job::Bytes(bytes) => self.write(bytes),
+        let (done, tick) = match &job {
+            Job::Begin(number, tick) => (self.begin(*number), tick),
+            Job::Bytes(bytes, tick) => (self.write(bytes), tick),
         };
         if let Err(error) = done {
+            let lost = &self.news.lost_from;
+            lost.fetch_min(*tick, Ordering::AcqRel);
             self.fail(&error);
         }
-        if let Job::Bytes(bytes) = job {
+        if let Job::Bytes(bytes, _) = job {
             self.news.queued.fetch_sub(bytes.len(), Ordering::AcqRel);
         }
     }
@@ -204,6 +224,7 @@ impl Files {
         let _ = file.try_lock_shared();
         self.own.push_back((path, 0));
         self.file = Some(file);
+        self.news.lost_from.store(NOTHING, Ordering::Release);
         self.news.failed.store(false, Ordering::Release);
         Ok(())
     }
@@ -309,11 +330,41 @@ mod tests {
         let disk = disk.unwrap();
         // More than the pipe holds, so it stays in the queue.
         let (frame, keyframe) = (1 << 20, RECORDING_QUEUE_BYTES + 1);
-        assert!(disk.write(vec![0; frame]));
-        assert!(disk.write(vec![0; keyframe]));
-        assert!(!disk.write(vec![0]), "the queue is full");
+        assert!(disk.write(vec![0; frame], 0));
+        assert!(disk.write(vec![0; keyframe], 1));
+        assert!(!disk.write(vec![0], 2), "the queue is full");
         drop(release);
         assert_eq!(disk.finish(), Some(vec![first]));
         assert_eq!(reader.join().unwrap(), frame + keyframe);
+    }
+
+    /// A file that takes no more bytes tells from which tick on, though later ones waited already.
+    #[test]
+    fn what_waited_behind_a_failure_is_lost_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = folder.path().join("run.mcap");
+        let made = Command::new("mkfifo").arg(&first).status();
+        assert!(made.unwrap().success());
+        let frame = 1 << 20;
+        let pipe = first.clone();
+        // It reads one frame, and closes the pipe before the next.
+        let reader = std::thread::spawn(move || {
+            let mut bytes = vec![0; frame];
+            File::open(pipe).unwrap().read_exact(&mut bytes).unwrap();
+        });
+        let disk = Disk::start(RecordingPlace {
+            first,
+            keep_bytes: 1 << 30,
+            owns_folder: false,
+        });
+        let disk = disk.unwrap();
+        assert_eq!(disk.lost_from(), None);
+        for tick in [0, 100, 200, 300] {
+            assert!(disk.write(vec![0; frame], tick));
+        }
+        reader.join().unwrap();
+        disk.wait(Duration::from_secs(10));
+        assert!(disk.failure().is_some());
+        assert_eq!(disk.lost_from(), Some(100));
     }
 }

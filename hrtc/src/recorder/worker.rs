@@ -343,7 +343,7 @@ impl Worker {
             Err(error) => return self.stop(error.to_string()),
         };
         self.written += bytes.len() as u64;
-        if !bytes.is_empty() && !self.disk.write(bytes) {
+        if !bytes.is_empty() && !self.disk.write(bytes, self.pending_tick) {
             let reason = self.disk.failure();
             return self.stop(reason.unwrap_or_else(|| "the disk is slow".to_owned()));
         }
@@ -357,9 +357,12 @@ impl Worker {
             self.progress.has_lost.store(true, Ordering::Relaxed);
             note!("ticks are not recorded for now, the run goes on: {reason}");
         }
+        // What waited behind a failure is lost with it.
+        let lost = self.disk.lost_from().unwrap_or(self.pending_tick);
+        let first = lost.min(self.pending_tick);
         self.hole = Some(Hole {
-            first: self.pending_tick,
-            last: self.next_tick.saturating_sub(1).max(self.pending_tick),
+            first,
+            last: self.next_tick.saturating_sub(1).max(first),
             reason,
         });
         self.encoder = None;
@@ -386,7 +389,7 @@ impl Worker {
         }
         if let Some(encoder) = self.encoder.take() {
             let bytes = encoder.finish()?;
-            if !self.disk.write(bytes) {
+            if !self.disk.write(bytes, self.pending_tick) {
                 self.stop("the disk is slow".to_owned());
                 return Ok(());
             }
@@ -398,7 +401,7 @@ impl Worker {
     /// Begins the next file with a keyframe.
     fn begin(&mut self) -> Result<(), RecordingError> {
         self.head.segment += 1;
-        if !self.disk.begin(self.head.segment) {
+        if !self.disk.begin(self.head.segment, self.next_tick) {
             self.stop("the disk is slow".to_owned());
             return Ok(());
         }
@@ -446,7 +449,7 @@ impl Worker {
             let last = encoder
                 .event(ending.level, &ending.sentence)
                 .and_then(|()| encoder.finish());
-            let written = last.map(|bytes| self.disk.write(bytes));
+            let written = last.map(|bytes| self.disk.write(bytes, self.pending_tick));
             match written {
                 Ok(true) => {}
                 Ok(false) => self.stop("the disk is slow".to_owned()),
