@@ -23,6 +23,7 @@ use crate::instance::{ModelFrame, ObjectInstance};
 use crate::lod::front::Front;
 use crate::probe::Probe;
 use crate::probe::contacts::Contacts;
+use crate::tuning::streaming::MIN_UNITS;
 use protocol::{AnswersReader, ChunkKind, MODEL_HEADER_SLOTS, MeasuredError, Refusal, TourPoint};
 use spm::{ModelHeader, NONE};
 
@@ -359,6 +360,11 @@ impl Session {
         let Some(tour) = probe.and_then(|probe| probe.tour.as_mut()) else {
             return Taken::Whole;
         };
+        if context.budget.ingest < MIN_UNITS {
+            context.budget.ingest = 0;
+            return Taken::Part;
+        }
+        context.budget.ingest -= MIN_UNITS;
         let points: &[TourPoint] = bytemuck::cast_slice(&chunk.slots);
         let count = (chunk.header.count as usize).min(points.len());
         if !tour.take(chunk.header.code, &points[..count]) {
