@@ -1,12 +1,11 @@
 //! The heartbeat: its payload type never changes, so another version is recognised as such.
 
+use crate::version::PROTOCOL_VERSION;
 use iceoryx2_bb_derive_macros::ZeroCopySend;
 use iceoryx2_bb_elementary_traits::zero_copy_send::ZeroCopySend;
 use std::time::Duration;
 use thiserror::Error;
 
-/// Version of the protocol; part of every service name but the heartbeat's.
-pub const PROTOCOL_VERSION: u32 = 11;
 /// Time between two heartbeats, milliseconds.
 pub const HELLO_PERIOD_MS: u64 = 100;
 

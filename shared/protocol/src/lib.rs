@@ -7,12 +7,15 @@
 //! | `compact` | chunks in as few bytes as they need |
 //! | `files` | files of the scene, by the hash of their content |
 //! | `hello` | the heartbeat, which also tells versions apart |
+//! | `version` | the version, and the names of the topics |
 //!
-//! | service | direction | payload |
+//! With N for the [`PROTOCOL_VERSION`]:
+//!
+//! | topic | direction | payload |
 //! |---|---|---|
-//! | `hrtc/v7/subscribe` | controller to station | [`Request`] as [`RequestWord`]s |
-//! | `hrtc/v7/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
-//! | `hrtc/v7/pose` | controller to station | [`ContactReport`] |
+//! | `hrtc/vN/subscribe` | controller to station | [`Request`] as [`RequestWord`]s |
+//! | `hrtc/vN/records/CLIENT` | station to one controller | [`ChunkHeader`] and up to 64 [`ChunkSlot`]s |
+//! | `hrtc/vN/pose` | controller to station | [`ContactReport`] |
 //! | `hrtc/hello` | both ways | [`Hello`], whose first bytes never change |
 //!
 //! **A session** is the exchange of a client and a station about one object. Each session has its
@@ -79,12 +82,16 @@ mod answers;
 mod compact;
 mod files;
 mod hello;
+mod version;
 mod wire;
 
 pub use answers::{AnswerItem, AnswersReader, AnswersWriter, DamagedAnswers, PartHead};
 pub use compact::{ChunkDecoder, ChunkEncoder, CompactError};
 pub use files::{FILE_CHUNK_BYTES, FileAsk, FileChunk, FileHash, NoFileHash, file_chunks};
-pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, PROTOCOL_VERSION, Role};
+pub use hello::{BUILD, Greeting, HELLO_PERIOD_MS, Hello, HelloError, Role};
+pub use version::{
+    HELLO_TOPIC, POSE_TOPIC, PROTOCOL_VERSION, RECORDS_TOPICS, SUBSCRIBE_TOPIC, records_topic,
+};
 pub use wire::{
     ANSWER_TIMEOUT_MS, CHUNK_SLOTS, CREDIT_CHUNKS, ChunkHeader, ChunkKind, ChunkSlot,
     ContactReport, Encoding, LONGEST_TOUR_S, MAX_CLIENTS, MAX_CREDIT_CHUNKS, MAX_SESSIONS,

@@ -100,7 +100,7 @@ codes! {
 /// The user header of a chunk.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ChunkHeader.v7")]
+#[type_name("hrtc.ChunkHeader.v12")]
 pub struct ChunkHeader {
     /// Incarnation of the sending station.
     pub station: u64,
@@ -188,7 +188,7 @@ impl ChunkHeader {
     serde::Serialize,
     serde::Deserialize,
 )]
-#[type_name("hrtc.ChunkSlot.v7")]
+#[type_name("hrtc.ChunkSlot.v12")]
 pub struct ChunkSlot {
     /// Raw words; cast with `bytemuck`.
     pub words: [u32; 16],
@@ -358,7 +358,7 @@ pub struct Request {
 /// Four bytes of a request.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.RequestWord.v7")]
+#[type_name("hrtc.RequestWord.v12")]
 pub struct RequestWord {
     word: u32,
 }
@@ -402,7 +402,7 @@ impl Request {
 /// Pose and contact of one tick, for the measured error and the view. Sent decimated.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable, ZeroCopySend)]
-#[type_name("hrtc.ContactReport.v7")]
+#[type_name("hrtc.ContactReport.v12")]
 pub struct ContactReport {
     /// The client.
     pub client: u64,

@@ -1,11 +1,13 @@
 //! The part of iceoryx2 that both processes must agree on: domain, service names and the quality of
 //! service of every topic.
 //!
-//! | service | publishers | subscribers | payload |
+//! With N for the version of the protocol:
+//!
+//! | topic | publishers | subscribers | payload |
 //! |---|---|---|---|
-//! | `hrtc/v7/subscribe` | controllers | station | a [`Request`] in as many [`RequestWord`]s as it needs |
-//! | `hrtc/v7/pose` | controllers | station | [`ContactReport`] |
-//! | `hrtc/v7/records/CLIENT` | station | one controller | up to 64 [`ChunkSlot`]s, [`ChunkHeader`] |
+//! | `hrtc/vN/subscribe` | controllers | station | a [`Request`] in as many [`RequestWord`]s as it needs |
+//! | `hrtc/vN/pose` | controllers | station | [`ContactReport`] |
+//! | `hrtc/vN/records/CLIENT` | station | one controller | up to 64 [`ChunkSlot`]s, [`ChunkHeader`] |
 //! | `hrtc/hello` | all | all | [`Hello`] |
 //!
 //! All topics have the same quality of service, because a tunnel between machines creates its
@@ -30,8 +32,9 @@ use iceoryx2::service::builder::publish_subscribe::Builder;
 use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use iceoryx2::service::port_factory::publisher::PortFactoryPublisher;
 use protocol::{
-    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Hello, MAX_CLIENTS, MAX_CREDIT_CHUNKS,
-    Request, RequestWord,
+    CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, HELLO_TOPIC, Hello, MAX_CLIENTS,
+    MAX_CREDIT_CHUNKS, POSE_TOPIC, RECORDS_TOPICS, Request, RequestWord, SUBSCRIBE_TOPIC,
+    records_topic,
 };
 use std::fmt::Debug;
 use std::fs::DirBuilder;
@@ -51,14 +54,11 @@ pub const MAX_PORTS: usize = MAX_CLIENTS + 3;
 const MAX_RECORD_PORTS: usize = 4;
 /// The topics that a tunnel carries to another machine, `*` for any client: all of the protocol,
 /// and no other name. A wake-up event among them would be carried too, and stall a tunnel.
-pub const CARRIED_TOPICS: [&str; 4] = [
-    "hrtc/hello",
-    "hrtc/v7/subscribe",
-    "hrtc/v7/pose",
-    "hrtc/v7/records/*",
-];
+pub const CARRIED_TOPICS: [&str; 4] = [HELLO_TOPIC, SUBSCRIBE_TOPIC, POSE_TOPIC, RECORDS_TOPICS];
 /// Largest number of samples that a subscriber borrows at the same time.
 const MAX_BORROWED: usize = 2;
+/// What fails where a topic of chunks cannot be opened.
+const OPEN_RECORDS: &str = "open a topic of records";
 /// Longest name of a domain, bytes.
 const MAX_NAME_BYTES: usize = 32;
 
@@ -299,8 +299,8 @@ impl Domain {
         &self,
         node: &IpcNode,
     ) -> Result<Topic<[RequestWord]>, TransportError> {
-        let name = self.service_name("hrtc/v7/subscribe")?;
-        self.retry("open the service hrtc/v7/subscribe", || {
+        let name = self.service_name(SUBSCRIBE_TOPIC)?;
+        self.retry("open the topic of requests", || {
             topic::<[RequestWord], ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -310,8 +310,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn pose_service(&self, node: &IpcNode) -> Result<Topic<ContactReport>, TransportError> {
-        let name = self.service_name("hrtc/v7/pose")?;
-        self.retry("open the service hrtc/v7/pose", || {
+        let name = self.service_name(POSE_TOPIC)?;
+        self.retry("open the topic of contacts", || {
             topic::<ContactReport, ()>(node, &name, MAX_PORTS, MAX_RECORD_PORTS).open_or_create()
         })
     }
@@ -326,11 +326,22 @@ impl Domain {
         node: &IpcNode,
         client: u64,
     ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
-        let name = self.service_name(&format!("hrtc/v7/records/{client:016x}"))?;
-        self.retry("open a service hrtc/v7/records", || {
-            topic::<[ChunkSlot], ChunkHeader>(node, &name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
-                .open_or_create()
-        })
+        let name = self.service_name(&records_topic(client))?;
+        self.retry(OPEN_RECORDS, || records(node, &name).open_or_create())
+    }
+
+    /// The same in one try, for whoever must not wait and tries again later.
+    ///
+    /// # Errors
+    /// When iceoryx2 refuses.
+    pub fn try_records_service(
+        &self,
+        node: &IpcNode,
+        client: u64,
+    ) -> Result<Topic<[ChunkSlot], ChunkHeader>, TransportError> {
+        let name = self.service_name(&records_topic(client))?;
+        let opened = records(node, &name).open_or_create();
+        opened.map_err(|e| self.error(OPEN_RECORDS, e))
     }
 
     /// The topic of heartbeats, the only one without a version in its name.
@@ -338,8 +349,8 @@ impl Domain {
     /// # Errors
     /// When iceoryx2 refuses, after three tries.
     pub fn hello_service(&self, node: &IpcNode) -> Result<Topic<Hello>, TransportError> {
-        let name = self.service_name("hrtc/hello")?;
-        self.retry("open the service hrtc/hello", || {
+        let name = self.service_name(HELLO_TOPIC)?;
+        self.retry("open the topic of heartbeats", || {
             topic::<Hello, ()>(node, &name, MAX_PORTS, MAX_PORTS).open_or_create()
         })
     }
@@ -475,6 +486,11 @@ fn topic<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
         .enable_safe_overflow(false)
 }
 
+/// A topic of chunks.
+fn records(node: &IpcNode, name: &ServiceName) -> Builder<[ChunkSlot], ChunkHeader, ipc::Service> {
+    topic(node, name, MAX_RECORD_PORTS, MAX_RECORD_PORTS)
+}
+
 fn sender<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
     topic: &Topic<P, H>,
 ) -> PortFactoryPublisher<'_, ipc::Service, P, H> {
@@ -485,93 +501,4 @@ fn sender<P: Debug + IceoryxSend + ?Sized, H: Debug + ZeroCopySend>(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use iceoryx2::prelude::CallbackProgression;
-    use iceoryx2::service::Service;
-
-    #[test]
-    fn names_that_are_no_single_path_entry_are_refused() {
-        for bad in ["", "a/b", "..", "a b", "ü", "a_b", &"x".repeat(33)] {
-            assert!(Domain::new(bad).is_err(), "{bad}");
-        }
-        let domain = Domain::new("test-1-a").unwrap();
-        let config = domain.config_of(1000).unwrap();
-        let root = config.global.root_path().to_string();
-        assert_eq!(root, "/tmp/hrtc-1000-test-1-a/");
-        assert_eq!(config.global.prefix.to_string(), "hrtc_1000-test-1-a_");
-    }
-
-    #[test]
-    fn domains_of_two_users_share_no_file() {
-        let domain = Domain::new(&"x".repeat(MAX_NAME_BYTES)).unwrap();
-        let [one, other] = [0, u32::MAX].map(|user| domain.config_of(user).unwrap().global);
-        assert_ne!(one.root_path(), other.root_path());
-        let [one, other] = [one, other].map(|global| global.prefix.to_string());
-        assert!(!one.starts_with(&other) && !other.starts_with(&one));
-    }
-
-    #[test]
-    fn a_root_that_is_not_the_users_own_is_refused_in_a_sentence() {
-        let domain = Domain::new(&format!("root-{}", std::process::id())).unwrap();
-        let root = domain.root();
-        let refused = |what: &str| {
-            let sentence = domain.node().unwrap_err().to_string();
-            assert!(sentence.contains(what), "{sentence}");
-            assert!(sentence.contains("--domain"), "{sentence}");
-            assert!(sentence.contains(&root.display().to_string()), "{sentence}");
-        };
-        std::fs::write(&root, "").unwrap();
-        refused("is no folder");
-        std::fs::remove_file(&root).unwrap();
-        let elsewhere = tempfile::tempdir().unwrap();
-        std::os::unix::fs::symlink(elsewhere.path(), &root).unwrap();
-        refused("is no folder");
-        std::fs::remove_file(&root).unwrap();
-        std::fs::create_dir(&root).unwrap();
-        if std::os::unix::fs::chown(&root, Some(user() + 1), None).is_ok() {
-            refused("belongs to the user");
-        } else {
-            println!("skipped: only root gives a folder away");
-        }
-        std::fs::remove_dir(&root).unwrap();
-        drop(domain.node().unwrap());
-        let mode = std::fs::symlink_metadata(&root).unwrap().mode();
-        assert_eq!(mode & 0o077, 0, "others may look in");
-        domain.remove_files();
-    }
-
-    #[test]
-    fn a_tunnel_carries_every_topic() {
-        let domain = Domain::new(&format!("carried-{}", std::process::id())).unwrap();
-        let node = domain.node().unwrap();
-        let _open = (
-            domain.hello_service(&node).unwrap(),
-            domain.subscribe_service(&node).unwrap(),
-            domain.pose_service(&node).unwrap(),
-            domain.records_service(&node, 7).unwrap(),
-        );
-        let mut names = Vec::new();
-        let listed = <ipc::Service as Service>::list(&domain.config().unwrap(), |service| {
-            names.push(service.static_details.name().to_string());
-            CallbackProgression::Continue
-        });
-        listed.unwrap();
-        assert_eq!(names.len(), CARRIED_TOPICS.len(), "{names:?}");
-        for topic in CARRIED_TOPICS {
-            let begin = topic.trim_end_matches('*');
-            let of_topic = |name: &String| name.starts_with(begin);
-            assert_eq!(names.iter().filter(|&name| of_topic(name)).count(), 1);
-        }
-        drop((_open, node));
-        domain.remove_files();
-    }
-
-    #[test]
-    fn the_file_for_tunnels_equals_the_embedded_configuration() {
-        let text = include_str!("../../../config/iceoryx2.toml");
-        let file: Config = toml::from_str(text).expect("config/iceoryx2.toml is a configuration");
-        let domain = Domain::new("hrtc").unwrap();
-        assert_eq!(file, domain.config_of(1000).unwrap());
-    }
-}
+mod tests;
