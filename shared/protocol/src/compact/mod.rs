@@ -4,10 +4,11 @@
 //! range coder, zeros behind them. Header and checksum are those of the plain chunk, which the
 //! reader makes again to the bit: what was damaged on the way is noticed as ever.
 //!
-//! Coder and decoder learn from the chunks of one epoch of one object, from its first compact one
-//! on; a plain chunk makes them begin anew. So the chunks of an epoch are read in their order or
-//! not at all, and any gap ends the epoch anyway ([`CompactError::Gap`]). A record that was sent
-//! before in the epoch costs next to nothing; a session keeps less than 2 MB for all of that.
+//! Coder and decoder learn from the chunks of one epoch of one object at one station, from its
+//! first compact one on; a plain chunk makes them begin anew. So the chunks of an epoch are read in
+//! their order or not at all, and any gap ends the epoch anyway ([`CompactError::Gap`]). A record
+//! that was sent before in the epoch costs next to nothing; a session keeps less than 2 MB for all
+//! of that.
 //!
 //! `rt-tests codecs` chose it: 32.2 bytes of records and closures a VSP received, on the mean of
 //! the shared models in touches with a cache of 4 MiB, in slots and with headers; 190.1 plain, 53.4
@@ -44,6 +45,10 @@ use words::WordsModel;
 #[cfg(test)]
 mod tests;
 
+/// Stations whose sessions are kept: one is in use, others answer too where several serve a domain,
+/// and those of one that was restarted stay until their place is needed.
+const MAX_STATIONS: usize = 4;
+
 /// Reasons not to take a chunk. It is dropped; what was read before stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum CompactError {
@@ -65,7 +70,6 @@ pub enum CompactError {
 /// What is known of the chunks of an epoch.
 #[derive(Debug)]
 struct Session {
-    station: u64,
     epoch: u32,
     /// Number of the next chunk.
     next: u64,
@@ -77,32 +81,39 @@ struct Session {
     model: Option<Box<Model>>,
 }
 
-/// The sessions of a client, by object.
+/// Station and object: chunks of others are no part of a session.
+type Subject = (u64, u32);
+
+fn subject(header: &ChunkHeader) -> Subject {
+    (header.station, header.object)
+}
+
+/// The sessions of a client. Several stations may send to it on the one topic that it has.
 #[derive(Debug, Default)]
 struct Sessions {
-    all: BTreeMap<u32, Session>,
+    all: BTreeMap<Subject, Session>,
     used: u64,
 }
 
 impl Sessions {
+    fn get(&self, header: &ChunkHeader) -> Option<&Session> {
+        self.all.get(&subject(header))
+    }
+
     /// Begins anew with a chunk, before it is coded.
     fn begin(&mut self, header: &ChunkHeader) -> &mut Session {
-        let object = header.object;
-        if self.all.len() >= MAX_SESSIONS && !self.all.contains_key(&object) {
-            let oldest = self.all.iter().min_by_key(|(_, session)| session.used);
-            if let Some(&oldest) = oldest.map(|(object, _)| object) {
-                self.all.remove(&oldest);
-            }
+        let subject = subject(header);
+        if !self.all.contains_key(&subject) {
+            self.make_room(header.station);
         }
         let session = Session {
-            station: header.station,
             epoch: header.epoch,
             next: header.sequence,
             is_lost: false,
             used: 0,
             model: None,
         };
-        let session = match self.all.entry(object) {
+        let session = match self.all.entry(subject) {
             Entry::Vacant(place) => place.insert(session),
             Entry::Occupied(place) => {
                 let place = place.into_mut();
@@ -115,6 +126,31 @@ impl Sessions {
         session
     }
 
+    /// Makes room for a further session of a station: of its own the stalest goes, and of too many
+    /// stations the stalest with all of its sessions.
+    fn make_room(&mut self, station: u64) {
+        let own = self.all.iter().filter(|((of, _), _)| *of == station);
+        let (count, stalest) = (
+            own.clone().count(),
+            own.min_by_key(|(_, session)| session.used),
+        );
+        if let Some((&stalest, _)) = stalest {
+            if count >= MAX_SESSIONS {
+                self.all.remove(&stalest);
+            }
+            return;
+        }
+        let mut last_used = BTreeMap::<u64, u64>::new();
+        for (&(of, _), session) in &self.all {
+            let last = last_used.entry(of).or_default();
+            *last = session.used.max(*last);
+        }
+        let stalest = last_used.iter().min_by_key(|(_, used)| **used);
+        if let Some((&stalest, _)) = stalest.filter(|_| last_used.len() >= MAX_STATIONS) {
+            self.all.retain(|&(of, _), _| of != stalest);
+        }
+    }
+
     /// Begins anew behind a plain chunk.
     fn begin_after(&mut self, header: &ChunkHeader) {
         let session = self.begin(header);
@@ -123,23 +159,20 @@ impl Sessions {
 
     /// The session that a chunk goes on.
     fn going_on(&mut self, header: &ChunkHeader) -> Option<&mut Session> {
-        let session = self.all.get_mut(&header.object)?;
-        let is_of = session.is_of(header) && session.next == header.sequence && !session.is_lost;
+        let session = self.all.get_mut(&subject(header))?;
+        let is_next = (session.epoch, session.next) == (header.epoch, header.sequence);
+        let goes_on = is_next && !session.is_lost;
         self.used += 1;
         session.used = self.used;
-        is_of.then_some(session)
+        goes_on.then_some(session)
     }
 }
 
 impl Session {
-    fn is_of(&self, header: &ChunkHeader) -> bool {
-        (self.station, self.epoch) == (header.station, header.epoch)
-    }
-
-    /// Whether a chunk came before.
+    /// Whether a chunk of its subject came before.
     fn is_past(&self, header: &ChunkHeader) -> bool {
-        let is_older = header.sequence < self.next || header.epoch < self.epoch;
-        self.station == header.station && header.epoch <= self.epoch && is_older
+        let is_repeated = header.epoch == self.epoch && header.sequence < self.next;
+        header.epoch < self.epoch || is_repeated
     }
 }
 
@@ -292,7 +325,7 @@ impl ChunkDecoder {
         if sent.is_empty() || sent.len() > CHUNK_SLOTS {
             return Err(CompactError::Length);
         }
-        let session = self.sessions.all.get(&header.object);
+        let session = self.sessions.get(header);
         if session.is_some_and(|session| session.is_past(header)) {
             return Err(CompactError::Repeated);
         }
@@ -322,7 +355,7 @@ impl ChunkDecoder {
         if !header.is_sound(&slots) {
             return Err(CompactError::Damaged);
         }
-        let session = self.sessions.all.get(&header.object);
+        let session = self.sessions.get(header);
         if !session.is_some_and(|session| session.is_past(header)) {
             self.sessions.begin_after(header);
         }

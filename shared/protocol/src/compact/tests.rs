@@ -253,3 +253,44 @@ fn sessions_are_bounded() {
         assert!(decoder.sessions.all.len() <= MAX_SESSIONS);
     }
 }
+
+/// The same chunk as another station sends it.
+fn of_station(station: u64, (header, slots): &(ChunkHeader, Slots)) -> (ChunkHeader, Slots) {
+    let mut header = ChunkHeader { station, ..*header };
+    header.seal(slots);
+    (header, *slots)
+}
+
+#[test]
+fn two_stations_on_one_topic_do_not_disturb_each_other() {
+    let mut decoder = ChunkDecoder::default();
+    let mut stations = [9, 10].map(|station| (station, ChunkEncoder::default()));
+    // The second one is restarted on the way.
+    for (epoch, restarted) in [(1, 10), (2, 11)] {
+        stations[1] = (restarted, ChunkEncoder::default());
+        for (k, chunk) in answers(&[38, 37, 36, 35], 1, epoch).iter().enumerate() {
+            for (station, encoder) in &mut stations {
+                let chunk = of_station(*station, chunk);
+                let sent = sent(encoder, &chunk);
+                assert!(k == 0 || sent.len() < CHUNK_SLOTS);
+                assert_eq!(decoder.decode(&chunk.0, &sent), Ok(chunk.1));
+            }
+        }
+    }
+}
+
+#[test]
+fn stations_that_come_and_go_take_the_place_of_none_in_use() {
+    let (mut encoder, mut decoder) = (ChunkEncoder::default(), ChunkDecoder::default());
+    for (other, chunk) in (100..).zip(answers(&[38; 20], 1, 1)) {
+        let sent = sent(&mut encoder, &chunk);
+        assert_eq!(decoder.decode(&chunk.0, &sent), Ok(chunk.1));
+        for object in 0..2 {
+            let nothing = [ChunkSlot::zeroed(); CHUNK_SLOTS];
+            let first = sealed(ChunkKind::Model as u32, object, (1, 0), &nothing);
+            let (header, slots) = of_station(other, &(first, nothing));
+            assert_eq!(decoder.decode(&header, &slots), Ok(slots));
+        }
+        assert!(decoder.sessions.all.len() <= 2 * MAX_STATIONS);
+    }
+}
