@@ -2,13 +2,14 @@
 //!
 //! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to
 //! say is sent. Nothing here blocks; what a full queue discards shows as a gap to the receiver, and
-//! epochs heal it. Between two looks at the ports each client has a turn of a few steps; who waits
-//! for long, as for a tour or the closure of a whole model, is told in time that it is being made.
+//! epochs heal it. Between two looks at the ports each client has a turn of a few steps; a session
+//! that waits for long, as for a tour or the closure of a whole model, is told in time that it is
+//! being made.
 
 use crate::clients::{ClientStatus, Clients};
 use crate::tuning::link::{
     ANSWERED_HELLO, CLEANUP, FILE_CHUNKS_A_TURN, FILES_ASKED, FORGET, HELLO, MAKE_ROOM, MAX_SAID,
-    POLL, STATUS, STEPS_A_TURN, TOLD, TURNED_AWAY,
+    POLL, REOPEN, STATUS, STEPS_A_TURN, TOLD_US, TURNED_AWAY,
 };
 use file_transfer::FileServer;
 use iceoryx2::node::Node;
@@ -20,7 +21,6 @@ use protocol::{
     RequestKind, RequestWord, Role,
 };
 use station_core::station::{Chunk, Message, Station};
-use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -37,8 +37,8 @@ pub struct Connection<D> {
     clients: Clients,
     /// Heartbeats refused: of another version or byte order, or none at all.
     refused: u64,
-    /// Clients that are being worked for, and when each was told something last.
-    waiting: BTreeMap<u64, Instant>,
+    /// Clients that are being worked for.
+    waiting: BTreeSet<u64>,
     /// Coders of the clients that asked for compact chunks.
     encoders: BTreeMap<u64, ChunkEncoder>,
     /// Clients that asked for files, and when.
@@ -58,6 +58,8 @@ struct Ports {
     contacts: Subscriber<ipc::Service, ContactReport, ()>,
     hello: Heartbeats,
     records: BTreeMap<u64, Records>,
+    /// Clients whose topic could not be opened, and when.
+    unopened: BTreeMap<u64, Instant>,
     // Last, so that it goes last.
     node: Node<ipc::Service>,
 }
@@ -81,25 +83,49 @@ impl Ports {
             contacts,
             hello: domain.heartbeats(&node)?,
             records: BTreeMap::new(),
+            unopened: BTreeMap::new(),
             node,
         })
     }
 
     /// The topic of one client, opened when first needed; whether it is open. It takes files and
     /// shared memory, so that a crowd of new clients would keep all others waiting: only one is
-    /// opened where `may_open` says so, which it does no more after that.
-    fn open_records(&mut self, client: u64, may_open: &mut bool) -> Result<bool, TransportError> {
-        if let Entry::Vacant(records) = self.records.entry(client) {
-            if !std::mem::take(may_open) {
-                return Ok(false);
-            }
-            let topic = self.domain.records_service(&self.node, client)?;
-            records.insert(Records {
-                publisher: self.domain.records_publisher(&topic)?,
-                topic,
-            });
+    /// opened where `may_open` says so, which it does no more after that. One that cannot be opened
+    /// does not count and is left alone for [`REOPEN`], else no other would ever be opened.
+    fn open_records(
+        &mut self,
+        client: u64,
+        now: Instant,
+        may_open: &mut bool,
+    ) -> Result<bool, TransportError> {
+        if self.records.contains_key(&client) {
+            return Ok(true);
         }
-        Ok(true)
+        self.unopened
+            .retain(|_, &mut since| now.duration_since(since) < REOPEN);
+        if !*may_open || self.unopened.contains_key(&client) {
+            return Ok(false);
+        }
+        match self.new_records(client) {
+            Ok(records) => {
+                *may_open = false;
+                self.records.insert(client, records);
+                Ok(true)
+            }
+            Err(error) => {
+                self.unopened.insert(client, now);
+                Err(error)
+            }
+        }
+    }
+
+    /// In one try: nobody waits for it.
+    fn new_records(&self, client: u64) -> Result<Records, TransportError> {
+        let topic = self.domain.try_records_service(&self.node, client)?;
+        Ok(Records {
+            publisher: self.domain.records_publisher(&topic)?,
+            topic,
+        })
     }
 
     /// Whether anybody listens to the topic of a client. A tunnel learns of it from the other
@@ -155,7 +181,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             ports: Ports::open(domain)?,
             clients: Clients::default(),
             refused: 0,
-            waiting: BTreeMap::new(),
+            waiting: BTreeSet::new(),
             encoders: BTreeMap::new(),
             is_greeted: false,
             turned_away: BTreeMap::new(),
@@ -234,6 +260,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the
     /// sending, and each sender in its turn, so that it cannot silence the others.
     fn receive(&mut self, now: Instant) {
+        // From here on what is asked waits.
+        self.tell_time();
         let most = 2 * MAX_QUEUED;
         let mut hellos = Vec::new();
         let incoming = &self.ports.hello.incoming;
@@ -327,11 +355,9 @@ impl<D: AsRef<[u8]>> Connection<D> {
         for (client, chunk) in turned_away {
             if self.turned_away.len() < MAX_CLIENTS || self.turned_away.contains_key(&client) {
                 self.turned_away.insert(client, now);
-                match self.ports.open_records(client, &mut may_open) {
-                    Ok(true) => self.send_chunk(client, &chunk),
-                    // It asks again, and is told then.
-                    Ok(false) => {}
-                    Err(error) => self.warn_once(error.to_string()),
+                // Without a topic it asks again, and is told then.
+                if self.has_topic(client, now, &mut may_open) {
+                    self.send_chunk(client, &chunk);
                 }
             }
         }
@@ -341,45 +367,52 @@ impl<D: AsRef<[u8]>> Connection<D> {
         let is_other = |id| turned_away.contains_key(&id) || asked.contains_key(&id);
         self.ports
             .close_records(|id| clients.contains(&id) || is_other(id));
-        self.waiting.retain(|id, _| clients.contains(id));
+        self.waiting.retain(|id| clients.contains(id));
         self.encoders.retain(|id, _| clients.contains(id));
         for client in clients {
-            match self.ports.open_records(client, &mut may_open) {
-                Ok(true) if self.ports.is_heard(client) => {}
-                Ok(_) => {
-                    self.waiting.remove(&client);
-                    continue;
-                }
-                Err(error) => {
-                    self.warn_once(error.to_string());
-                    continue;
-                }
-            }
-            self.station
-                .tell_time(self.began.elapsed().as_micros() as u32);
-            let mut steps = STEPS_A_TURN;
-            let mut told = false;
-            while let Some(chunk) = self.station.poll_within(client, &mut steps) {
-                self.send_chunk(client, &chunk);
-                told = true;
-            }
-            if steps > 0 {
+            if self.has_topic(client, now, &mut may_open) && self.ports.is_heard(client) {
+                self.give_turn(client);
+            } else {
                 self.waiting.remove(&client);
-                continue;
-            }
-            let last = self.waiting.entry(client).or_insert(now);
-            if told {
-                *last = now;
-            } else if now.duration_since(*last) >= TOLD {
-                *last = now;
-                if let Some(chunk) = self.station.poll_unfinished(client) {
-                    self.send_chunk(client, &chunk);
-                }
             }
         }
         for note in self.station.take_notes() {
             tracing::warn!("{note}");
         }
+    }
+
+    /// Whether the topic of a client is open: see [`Ports::open_records`].
+    fn has_topic(&mut self, client: u64, now: Instant, may_open: &mut bool) -> bool {
+        let opened = self.ports.open_records(client, now, may_open);
+        opened.unwrap_or_else(|error| {
+            self.warn_once(error.to_string());
+            false
+        })
+    }
+
+    /// Works for a client for a few steps, and sends it what there is. A session that has heard
+    /// nothing for long is told that it is being worked for, whatever the client's others got.
+    fn give_turn(&mut self, client: u64) {
+        self.tell_time();
+        let mut steps = STEPS_A_TURN;
+        while let Some(chunk) = self.station.poll_within(client, &mut steps) {
+            self.send_chunk(client, &chunk);
+        }
+        if steps > 0 {
+            self.waiting.remove(&client);
+            return;
+        }
+        self.waiting.insert(client);
+        // The steps may have taken long, on a slow disk.
+        self.tell_time();
+        if let Some(chunk) = self.station.poll_unfinished(client, TOLD_US) {
+            self.send_chunk(client, &chunk);
+        }
+    }
+
+    fn tell_time(&mut self) {
+        let clock = self.began.elapsed();
+        self.station.tell_time(clock.as_micros() as u32);
     }
 
     /// Sends a few chunks of files to each client that waits for some. Who does not listen for
@@ -399,18 +432,13 @@ impl<D: AsRef<[u8]>> Connection<D> {
             if !is_known && self.asked_for_files.len() == MAX_CLIENTS {
                 continue;
             }
-            match self.ports.open_records(client, may_open) {
-                Ok(true) if self.ports.is_heard(client) => {}
-                Ok(true) => {
-                    // Its topic stays open, so that it is opened once.
-                    self.asked_for_files.entry(client).or_insert(now);
-                    continue;
-                }
-                Ok(false) => continue,
-                Err(error) => {
-                    self.warn_once(error.to_string());
-                    continue;
-                }
+            if !self.has_topic(client, now, may_open) {
+                continue;
+            }
+            if !self.ports.is_heard(client) {
+                // Its topic stays open, so that it is opened once.
+                self.asked_for_files.entry(client).or_insert(now);
+                continue;
             }
             self.asked_for_files.insert(client, now);
             for _ in 0..FILE_CHUNKS_A_TURN {

@@ -27,9 +27,9 @@ pub mod link {
     pub const FILE_CHUNKS_A_TURN: usize = 4;
     /// Time for which the topic of a client that asked for files stays open after the last of them.
     pub const FILES_ASKED: Duration = Duration::from_secs(10);
-    /// Time after which a client that is being worked for is told something: a part of what it
-    /// would wait.
-    pub const TOLD: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS / 4);
+    /// Time after which a session that is being worked for is told something, microseconds: a part
+    /// of what its client would wait.
+    pub const TOLD_US: u32 = 1000 * ANSWER_TIMEOUT_MS as u32 / 4;
     /// Time between two clean-ups of dead nodes.
     pub const CLEANUP: Duration = Duration::from_secs(1);
     /// A client silent for so long, and for what its link adds, gives up its place where another
@@ -47,6 +47,9 @@ pub mod link {
     /// Time for which the topic of a client that was turned away stays open: it is repeated
     /// meanwhile.
     pub const TURNED_AWAY: Duration = Duration::from_secs(2);
+    /// Time after which a topic of records that could not be opened is tried again: what made it
+    /// fail may be over, as where another process was removing it.
+    pub const REOPEN: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS);
     /// Sentences about peers at the most: a noisy domain must not fill memory.
     pub const MAX_SAID: usize = 64;
 }

@@ -1,6 +1,8 @@
 //! Clients that come, end, die, or do not listen.
 
 use super::*;
+use iceoryx2::prelude::ServiceName;
+use protocol::records_topic;
 
 /// Its topic is opened once, not instead of the others'.
 #[test]
@@ -19,6 +21,43 @@ fn who_asks_for_a_file_and_does_not_listen_keeps_no_one_waiting() {
     assert!(!newcomer.answer().is_empty());
     assert!(newcomer.link.stop().is_some());
     assert!(asks.link.stop().is_some());
+    served.stop();
+}
+
+/// Another program took the name of its topic.
+#[test]
+fn who_has_no_topic_keeps_no_one_waiting() {
+    let domain = domain("no-topic");
+    let served = Served::start(&domain, 23, torus());
+    let node = domain.node().unwrap();
+    let name = ServiceName::new(&records_topic(CLIENT)).unwrap();
+    let foreign = node.service_builder(&name).publish_subscribe::<u64>();
+    let foreign = foreign.open_or_create().unwrap();
+    let mut newcomer = Tick::start_as(CLIENT + 1, &domain);
+    newcomer.wait_for_station(23);
+    let topic = domain.subscribe_service(&node).unwrap();
+    let requests = domain.request_sender(&topic).unwrap();
+    let ask = || {
+        let mut request = Request::zeroed();
+        request.client = CLIENT;
+        request.credit = 1;
+        request.name = Request::name_hash("torus");
+        request.kind = RequestKind::Model as u32;
+        requests.send(&request).unwrap();
+    };
+    until("its place", || {
+        ask();
+        let status = served.status.lock().unwrap();
+        status.iter().any(|of| of.client == CLIENT)
+    });
+    newcomer.request(RequestKind::Model, |_| {});
+    until("an answer to the newcomer", || {
+        // It keeps its place by that.
+        ask();
+        !newcomer.inbox.is_empty()
+    });
+    assert!(newcomer.link.stop().is_some());
+    drop((requests, topic, foreign, node));
     served.stop();
 }
 

@@ -12,7 +12,7 @@ use protocol::{
     RegionAsk, Request, RequestKind, Role,
 };
 use rtrb::{Consumer, Producer, RingBuffer};
-use spm::{SpmFile, write_spm};
+use spm::{NONE, SpmFile, write_spm};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::station::{Counters, ServedModel, ServedObject, Station};
@@ -316,8 +316,9 @@ fn cross(encoding: Encoding) -> LinkReport {
     report.client = CLIENT;
     report.contact = [1.4, 0.0, 0.0];
     tick.contacts.push(report).unwrap();
-    // The report travels on another topic: the end of the contact must not overtake it.
+    // Its end: nothing is waited for any more.
     report.tick = 60;
+    report.object = NONE;
     tick.contacts.push(report).unwrap();
     let chunks = tick.answer();
     assert_eq!(chunks[0].header.kind, ChunkKind::Measured as u32);

@@ -26,8 +26,8 @@
 //! # Turns
 //! Closures, contacts and tours are worked on in steps, and [`Station::poll_within`] makes a few
 //! for one client: so each has its turn, whatever the others ask for, and the shell listens and
-//! sends heartbeats in between. Each session of a client begins in its turn too. While a client
-//! waits for long, [`Station::poll_unfinished`] tells it that it is not forgotten.
+//! sends heartbeats in between. Each session of a client begins in its turn too. While a session
+//! waits for long, [`Station::poll_unfinished`] tells its client that it is being worked for.
 //!
 //! # Tours
 //! A tour takes thousands of searches of the full mesh, seconds where that is dense. So it comes
@@ -214,7 +214,8 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// Tells the time, microseconds from any start, modulo 2^32. Chunks carry the time that was
-    /// told last, so that a client can tell what the link delays from what the station does.
+    /// told last, so that a client can tell what the link delays from what the station does. By it
+    /// are also judged silences, and how long measured errors wait.
     pub fn tell_time(&mut self, clock_us: u32) {
         self.clock_us = clock_us;
     }
@@ -248,10 +249,16 @@ impl<D: AsRef<[u8]>> Station<D> {
             .or_else(|| self.each_in_turn(client, steps, Self::roll))
     }
 
-    /// What there is of an answer or tour that is being made for a client, perhaps nothing at all:
-    /// so that it knows that it is not forgotten. `None` when there is none, or no credit.
-    pub fn poll_unfinished(&mut self, client: u64) -> Option<Chunk> {
+    /// What there is of an answer or tour that is being made in a session of a client, perhaps
+    /// nothing at all, where that session has heard nothing for so many microseconds while it
+    /// waited: a controller gives up each by itself, whatever comes in the others. `None` when
+    /// there is none, or no credit.
+    pub fn poll_unfinished(&mut self, client: u64, silent_us: u32) -> Option<Chunk> {
+        let clock_us = self.clock_us;
         self.each_in_turn(client, &mut { u64::MAX }, |station, at, _| {
+            if station.sessions[at].silence_us(clock_us) < silent_us {
+                return None;
+            }
             if let Some(chunk) = station.unfinished_answer(at) {
                 return Some(station.send(at, chunk));
             }
@@ -356,6 +363,7 @@ impl<D: AsRef<[u8]>> Station<D> {
         let session = &mut self.sessions[at];
         header.sequence = session.sent;
         header.waited_for_credit = u32::from(std::mem::take(&mut session.waits_for_credit));
+        session.silent_since_us = self.clock_us;
         header.seal(&slots);
         session.sent += 1;
         self.counters.chunks += 1;

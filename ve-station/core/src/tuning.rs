@@ -55,13 +55,14 @@ pub mod service {
     pub const MAX_MEASURED: usize = 2 * CHUNK_SLOTS;
     /// So many measured errors are sent at once ...
     pub const MEASURED_BATCH: usize = 16;
-    /// ... or those of so many ticks.
-    pub const MEASURED_TICKS: u64 = 50;
+    /// ... or those of such a time, microseconds.
+    pub const MEASURED_US: u32 = 50_000;
     /// Where a session may have fewer chunks than this under way they wait until a chunk is full,
-    /// or for so many ticks. A quarter of those of a local link: four objects there share them
-    /// without that. Five compact chunks of them a second are 5 % of a line of 0.25 Mbit/s.
+    /// or are those of so many microseconds. A quarter of those of a local link: four objects there
+    /// share them without that. Five compact chunks of them a second are 5 % of a line of 0.25
+    /// Mbit/s.
     pub const MEASURED_CREDIT: u64 = CREDIT_CHUNKS / 4;
-    pub const MAX_MEASURED_TICKS: u64 = 4 * MEASURED_TICKS;
+    pub const MAX_MEASURED_US: u32 = 4 * MEASURED_US;
     /// Where a session may have fewer chunks than this under way, one in so many of them at the
     /// most is of a tour. Half of those of a local link: two objects there share them without that.
     /// A third is more than the quarter of which a controller tells the credit again.

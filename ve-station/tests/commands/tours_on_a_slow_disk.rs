@@ -7,7 +7,7 @@ use iceoryx2::prelude::ipc;
 use protocol::{
     CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot, Hello, RegionAction, Request, RequestKind, Role,
 };
-use spm::{SpmFile, write_spm};
+use spm::{RegionId, SpmFile, write_spm};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model};
 use station_core::station::{ServedModel, ServedObject, Station};
@@ -37,18 +37,23 @@ impl AsRef<[u8]> for Slow {
     }
 }
 
-/// A client's ports.
+/// A client's ports, for one of its objects.
 struct Client {
     requests: RequestSender,
     records: Subscriber<ipc::Service, [ChunkSlot], ChunkHeader>,
     hello: Subscriber<ipc::Service, Hello, ()>,
     model: u64,
+    object: u32,
     sent: u64,
     consumed: u64,
 }
 
 impl Client {
-    fn open(domain: &Domain, node: &iceoryx2::node::Node<ipc::Service>, model: u64) -> Self {
+    fn open(
+        domain: &Domain,
+        node: &iceoryx2::node::Node<ipc::Service>,
+        (model, object): (u64, u32),
+    ) -> Self {
         let records = domain.records_service(node, CLIENT).unwrap();
         let requests = domain.subscribe_service(node).unwrap();
         Self {
@@ -56,6 +61,7 @@ impl Client {
             records: domain.subscriber(&records, "receive records").unwrap(),
             hello: domain.heartbeats(node).unwrap().incoming,
             model,
+            object,
             sent: 0,
             consumed: 0,
         }
@@ -69,6 +75,7 @@ impl Client {
         request.consumed = self.consumed;
         request.credit = protocol::CREDIT_CHUNKS as u32;
         request.model = self.model;
+        request.object = self.object;
         request.name = Request::name_hash("torus");
         request.kind = kind as u32;
         change(&mut request);
@@ -84,16 +91,40 @@ impl Client {
         heard
     }
 
-    /// The head of the next chunk, which is acknowledged.
+    /// The head of the object's next chunk, which is acknowledged.
     fn chunk(&mut self) -> Option<ChunkHeader> {
-        let sample = self.records.receive().unwrap()?;
-        assert_eq!(sample.payload().len(), CHUNK_SLOTS);
-        let header = *sample.user_header();
-        drop(sample);
-        assert_eq!(header.sequence, self.consumed);
-        self.consumed += 1;
-        self.ask(RequestKind::Credit, |_| {});
-        Some(header)
+        loop {
+            let sample = self.records.receive().unwrap()?;
+            assert_eq!(sample.payload().len(), CHUNK_SLOTS);
+            let header = *sample.user_header();
+            drop(sample);
+            if header.object != self.object {
+                continue;
+            }
+            assert_eq!(header.sequence, self.consumed);
+            self.consumed += 1;
+            self.ask(RequestKind::Credit, |_| {});
+            return Some(header);
+        }
+    }
+
+    fn ask_tour(&mut self) {
+        self.ask(RequestKind::Tour, |request| {
+            request.tour.seed = 1;
+            request.tour.seconds = 20.0;
+            request.tour.speed = 1.0;
+            request.tour.depth = 0.01;
+            request.tour.radius = 0.02;
+        });
+    }
+
+    /// Asks for a region with all of its records, whatever it has.
+    fn ask_region(&mut self, region: RegionId) {
+        self.ask(RequestKind::Regions, |request| {
+            request.count = 1;
+            request.regions[0].region = region.0;
+            request.regions[0].action = RegionAction::Resend as u32;
+        });
     }
 }
 
@@ -117,7 +148,7 @@ impl Served {
                 model: 0,
                 name: Request::name_hash("torus"),
             };
-            let station = Station::new(1, vec![served], vec![object]);
+            let station = Station::new(1, vec![served], vec![object; 2]);
             Connection::open(&on, station).unwrap().run(&stopped);
         });
         Self {
@@ -206,18 +237,12 @@ fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
     let domain = Domain::new(&format!("slow-disk-{}", std::process::id())).unwrap();
     let served = Served::start(&domain, file);
     let node = domain.node().unwrap();
-    let mut client = Client::open(&domain, &node, model);
+    let mut client = Client::open(&domain, &node, (model, 0));
     while client.heartbeats() == 0 {
         assert!(served.runs());
         thread::sleep(Duration::from_millis(1));
     }
-    client.ask(RequestKind::Tour, |request| {
-        request.tour.seed = 1;
-        request.tour.seconds = 20.0;
-        request.tour.speed = 1.0;
-        request.tour.depth = 0.01;
-        request.tour.radius = 0.02;
-    });
+    client.ask_tour();
     // Until the first points: heartbeats, and chunks that say nothing but that it is there.
     let (mut heard, mut signs, mut answered) = (0, 0, false);
     let mut asked = false;
@@ -236,11 +261,7 @@ fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
         }
         if signs == 2 && !asked {
             asked = true;
-            client.ask(RequestKind::Regions, |request| {
-                request.count = 1;
-                request.regions[0].region = region.0;
-                request.regions[0].action = RegionAction::Subscribe as u32;
-            });
+            client.ask_region(region);
         }
     };
     println!("{heard} heartbeats, {signs} signs of life before the first {points} points");
@@ -260,4 +281,42 @@ fn heartbeats_regions_and_signs_of_life_come_while_a_touch_is_rolled() {
             None => thread::sleep(Duration::from_millis(1)),
         }
     }
+}
+
+/// A controller gives up each of its sessions by itself: what comes in another is no sign of life.
+#[test]
+fn signs_of_life_of_a_tour_come_while_another_object_gets_its_regions() {
+    let nanoseconds = Arc::<AtomicU64>::default();
+    let file = torus(&nanoseconds);
+    let (model, region) = (file.model_header().model, file.regions()[0]);
+    nanoseconds.store(10_000, Ordering::Relaxed);
+
+    let domain = Domain::new(&format!("two-objects-{}", std::process::id())).unwrap();
+    let served = Served::start(&domain, file);
+    let node = domain.node().unwrap();
+    let [mut tour, mut regions] =
+        [0, 1].map(|object| Client::open(&domain, &node, (model, object)));
+    while tour.heartbeats() == 0 {
+        assert!(served.runs());
+        thread::sleep(Duration::from_millis(1));
+    }
+    tour.ask_tour();
+    regions.ask_region(region);
+    let (mut signs, mut answers) = (0, 0);
+    loop {
+        assert!(served.runs());
+        while let Some(header) = regions.chunk() {
+            if header.last == 1 {
+                answers += 1;
+                regions.ask_region(region);
+            }
+        }
+        match tour.chunk() {
+            Some(header) if header.count > 0 => break,
+            Some(_) => signs += 1,
+            None => thread::sleep(Duration::from_micros(500)),
+        }
+    }
+    println!("{signs} signs of life before the first points, {answers} regions");
+    assert!(signs >= 3 && answers >= 3, "{signs} {answers}");
 }

@@ -49,14 +49,12 @@ impl<D: AsRef<[u8]>> Station<D> {
         match found {
             Some(Ok(Some((_, closest)))) => {
                 self.counters.measured += 1;
-                session.push_measured(
-                    report.probe,
-                    MeasuredError {
-                        tick: report.tick,
-                        distance: closest.distance_squared.sqrt(),
-                        reserved: [0; 2],
-                    },
-                );
+                let error = MeasuredError {
+                    tick: report.tick,
+                    distance: closest.distance_squared.sqrt(),
+                    reserved: [0; 2],
+                };
+                session.push_measured(report.probe, error, self.clock_us);
             }
             Some(Ok(None)) => self.counters.unmeasured += 1,
             _ => self.counters.damaged += 1,

@@ -52,7 +52,8 @@ impl PathGenerator {
     }
 
     /// Works until the next chunk is full, the tour is over or no steps are left; whether the chunk
-    /// is ready.
+    /// is ready. Points that its client has already are no part of a chunk, and may be millions: as
+    /// many of them as a chunk holds are a step.
     pub fn roll<D: AsRef<[u8]>>(
         &mut self,
         file: &SpmFile<D>,
@@ -66,6 +67,10 @@ impl PathGenerator {
                 Step::Point(point) => {
                     self.points.push(point);
                     self.drop_passed();
+                    let made = self.made();
+                    if made <= self.next && made.is_multiple_of(CHUNK_SLOTS) {
+                        *steps -= 1;
+                    }
                 }
                 Step::Nearer => *steps -= 1,
                 Step::Over => break,

@@ -55,6 +55,7 @@ impl<D: AsRef<[u8]>> Station<D> {
                 return;
             }
         }
+        let was_asked = self.sessions[at].is_asked();
         match kind {
             RequestKind::Credit | RequestKind::File => {}
             RequestKind::Model => self.ask_model(at, request, Job::model),
@@ -68,14 +69,23 @@ impl<D: AsRef<[u8]>> Station<D> {
                     self.ask_region(at, request, ask);
                 }
             }
-            RequestKind::Close => {
-                self.sessions.remove(at);
-                return;
-            }
+            RequestKind::Close => return self.close(at),
         }
-        if self.sessions[at].asks_too_much() {
-            self.sessions[at].break_epoch();
+        let session = &mut self.sessions[at];
+        if !was_asked && session.is_asked() {
+            session.silent_since_us = self.clock_us;
+        }
+        if session.asks_too_much() {
+            session.break_epoch();
             self.counters.broken_epochs += 1;
+        }
+    }
+
+    /// Ends a session; of a client without another one nothing is kept.
+    fn close(&mut self, at: usize) {
+        let client = self.sessions.remove(at).client;
+        if !self.knows(client) {
+            self.turns.remove(&client);
         }
     }
 

@@ -8,8 +8,8 @@ use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
 pub use crate::tuning::service::MAX_JOBS;
 use crate::tuning::service::{
-    MANY_CREDIT, MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MAX_MEASURED_TICKS, MEASURED_BATCH,
-    MEASURED_CREDIT, MEASURED_TICKS, MIN_TOUR_CREDIT, TOUR_SHARE,
+    MANY_CREDIT, MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MAX_MEASURED_US, MEASURED_BATCH,
+    MEASURED_CREDIT, MEASURED_US, MIN_TOUR_CREDIT, TOUR_SHARE,
 };
 use mutants::{Mutant, is};
 use protocol::{ChunkKind, ContactReport, MAX_CREDIT_CHUNKS, MeasuredError, RegionAsk, Request};
@@ -51,6 +51,8 @@ pub struct Session {
     credit: u64,
     /// Whether the next chunk has waited for credit.
     pub waits_for_credit: bool,
+    /// The station's clock at the last chunk, or at the first question that waits since, if later.
+    pub silent_since_us: u32,
     /// When it was last heard, in messages.
     pub last_heard: u64,
     pub jobs: VecDeque<Job>,
@@ -67,6 +69,9 @@ pub struct Session {
     /// Contacts that are to be measured, and where they ended.
     pub contacts: VecDeque<ContactReport>,
     measured: VecDeque<MeasuredError>,
+    /// The station's clock when the first and the last of them were measured: ticks are as long as
+    /// the client's loop makes them.
+    measured_us: [u32; 2],
     /// The probe that touched last.
     measured_probe: u32,
     /// Whether the measured errors go out even if they are few.
@@ -88,6 +93,7 @@ impl Session {
             consumed: 0,
             credit: 0,
             waits_for_credit: false,
+            silent_since_us: 0,
             last_heard: 0,
             jobs: VecDeque::new(),
             residency_changes: VecDeque::new(),
@@ -97,6 +103,7 @@ impl Session {
             rolled: None,
             residency: Residency::default(),
             measured: VecDeque::new(),
+            measured_us: [0; 2],
             measured_probe: 0,
             flush: false,
         }
@@ -201,11 +208,20 @@ impl Session {
         Ok(Answer::new(search))
     }
 
+    /// Whether something is to be answered.
+    pub fn is_asked(&self) -> bool {
+        !self.jobs.is_empty() || !self.tours.is_empty()
+    }
+
+    /// For how long its client has heard nothing although it waits, microseconds.
+    pub fn silence_us(&self, clock_us: u32) -> u32 {
+        clock_us.wrapping_sub(self.silent_since_us)
+    }
+
     /// Whether it may send a chunk now. Notes when it could but for the credit.
     pub fn may_send(&mut self) -> bool {
         let has_credit = self.has_credit();
-        let is_asked = !self.jobs.is_empty() || !self.tours.is_empty();
-        self.waits_for_credit |= !has_credit && is_asked;
+        self.waits_for_credit |= !has_credit && self.is_asked();
         has_credit && !self.broken
     }
 
@@ -294,10 +310,15 @@ impl Session {
         self.contacts.push_back(*report);
     }
 
-    pub fn push_measured(&mut self, probe: u32, error: MeasuredError) {
+    /// Keeps an error that was measured at this time of the station's clock.
+    pub fn push_measured(&mut self, probe: u32, error: MeasuredError, clock_us: u32) {
         if self.broken {
             return;
         }
+        if self.measured.is_empty() {
+            self.measured_us[0] = clock_us;
+        }
+        self.measured_us[1] = clock_us;
         if self.measured.len() == MAX_MEASURED {
             self.measured.pop_front();
         }
@@ -312,15 +333,18 @@ impl Session {
 
     /// The waiting measured errors, when they are enough or old enough.
     pub fn measured_chunk(&mut self) -> Option<Chunk> {
-        let (first, last) = (self.measured.front()?, self.measured.back()?);
-        let age = last.tick.saturating_sub(first.tick);
+        if self.measured.is_empty() {
+            return None;
+        }
+        let [first_us, last_us] = self.measured_us;
+        let time_us = last_us.wrapping_sub(first_us);
         // Where few chunks may be under way, few are spent on this: answers wait behind them.
-        let (most, oldest) = if self.credit >= MEASURED_CREDIT {
-            (MEASURED_BATCH, MEASURED_TICKS)
+        let (most, longest_us) = if self.credit >= MEASURED_CREDIT {
+            (MEASURED_BATCH, MEASURED_US)
         } else {
-            (MAX_MEASURED, MAX_MEASURED_TICKS)
+            (MAX_MEASURED, MAX_MEASURED_US)
         };
-        let due = self.flush || self.measured.len() >= most || age >= oldest;
+        let due = self.flush || self.measured.len() >= most || time_us >= longest_us;
         if !due {
             return None;
         }

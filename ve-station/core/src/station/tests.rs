@@ -393,10 +393,18 @@ fn contacts_come_back_with_their_distance_to_the_full_mesh() {
             .sqrt();
         assert_eq!((error.tick, error.distance), (tick as u64, truth));
     }
-    // Reports that are ticks apart do not wait for many.
-    server.handle(Message::Contact(&report(100)));
-    server.handle(Message::Contact(&report(150)));
-    assert_eq!(server.poll(1).unwrap().0.count, 2);
+    // They wait for others for a twentieth of a second, whatever a tick of the client is, and also
+    // where the station's clock wraps around.
+    for rate_hz in [100, 1000, 10_000] {
+        for k in 0..=5_u32 {
+            server.tell_time((10_000 * k).wrapping_sub(20_000));
+            let mut later = report(1);
+            later.tick = 100 + u64::from(k) * rate_hz / 100;
+            server.handle(Message::Contact(&later));
+            let count = server.poll(1).map(|(header, _)| header.count);
+            assert_eq!(count, (k == 5).then_some(6), "{rate_hz} Hz");
+        }
+    }
 }
 
 #[test]

@@ -202,7 +202,7 @@ fn who_waits_for_a_closure_hears_that_it_is_being_found() {
         .iter()
         .for_each(|r| server.handle(Message::Request(r)));
     assert_eq!(turn(&mut server, &mut client, 1), 0);
-    let chunk = server.poll_unfinished(7).expect("a sign of life");
+    let chunk = server.poll_unfinished(7, 0).expect("a sign of life");
     assert_eq!((chunk.0.last, chunk.0.sequence), (0, 0));
     client.receive(&chunk).expect("it is the next chunk");
     assert!(!client.held.contains_key(&whole()));
@@ -211,10 +211,64 @@ fn who_waits_for_a_closure_hears_that_it_is_being_found() {
     }
     client.check();
     assert_eq!(
-        server.poll_unfinished(7),
+        server.poll_unfinished(7, 0),
         None,
         "nothing is being made any more"
     );
+}
+
+/// A controller gives up each of its sessions by itself: what comes in another is no sign of life.
+#[test]
+fn a_session_that_waits_is_told_in_time_whatever_another_one_gets() {
+    const TURN_US: u32 = 10_000;
+    const SILENT_US: u32 = 50_000;
+    let mut server = station_of(1, open(), 2);
+    let mut clients = [Client::new(7), Client::new(7)];
+    let say = |server: &mut Station<Bytes>, object: usize, requests: Vec<Request>| {
+        for mut request in requests {
+            request.object = object as u32;
+            server.handle(Message::Request(&request));
+        }
+    };
+    // The clock wraps around meanwhile.
+    let began_us = u32::MAX - 12 * TURN_US;
+    server.tell_time(began_us);
+    say(&mut server, 1, clients[1].subscribe(whole()));
+    let (mut last_us, mut signs, mut others) = (0, 0, 0);
+    for turn in 1.. {
+        let now_us = TURN_US * turn;
+        server.tell_time(began_us.wrapping_add(now_us));
+        let again = clients[0].regions(RegionAction::Resend, &[regions()[0]]);
+        say(&mut server, 0, again);
+        let mut steps = 2;
+        let mut chunks = Vec::new();
+        while let Some(chunk) = server.poll_within(7, &mut steps) {
+            chunks.push(chunk);
+        }
+        if let Some(sign) = server.poll_unfinished(7, SILENT_US) {
+            assert_eq!((sign.0.object, sign.0.last), (1, 0));
+            signs += 1;
+            chunks.push(sign);
+        }
+        for chunk in &chunks {
+            let object = chunk.0.object as usize;
+            match object {
+                0 => others += 1,
+                _ => last_us = now_us,
+            }
+            let client = &mut clients[object];
+            let mut said = client.receive(chunk).expect("no gap");
+            said.push(client.request(RequestKind::Credit));
+            say(&mut server, object, said);
+        }
+        assert!(now_us - last_us <= SILENT_US, "silent at {now_us} us");
+        if clients[1].asked.is_empty() {
+            break;
+        }
+        assert!(turn < 10_000, "it is never answered");
+    }
+    assert!(signs >= 2 && others >= 5, "{signs} signs, {others} chunks");
+    clients[1].check();
 }
 
 /// After a silence it says what it holds, which takes a while to go through.
@@ -235,7 +289,7 @@ fn who_waits_while_what_it_holds_is_gone_through_is_not_forgotten() {
     say(&mut server, client.new_epoch());
     say(&mut server, client.subscribe(coarser));
     assert_eq!(turn(&mut server, &mut client, 1), 0);
-    let chunk = server.poll_unfinished(7).expect("a sign of life");
+    let chunk = server.poll_unfinished(7, 0).expect("a sign of life");
     assert_eq!((chunk.0.last, chunk.0.count), (0, 0));
     client.receive(&chunk).expect("it is the next chunk");
     for turns in 0.. {

@@ -362,6 +362,25 @@ fn a_closed_session_is_forgotten_and_begins_anew() {
 }
 
 #[test]
+fn of_clients_that_end_nothing_is_kept() {
+    let mut server = station_of(1, open(), 2);
+    for id in 0..100 {
+        let mut client = Client::new(id);
+        for object in [0, 1] {
+            let model = Client::new(id).request(RequestKind::Model);
+            tell(&mut server, said(object, vec![model]));
+        }
+        assert_eq!(server.poll(id).map(|(header, _)| header.object), Some(0));
+        client.next_request = 1;
+        let close = client.request(RequestKind::Close);
+        tell(&mut server, said(0, vec![close]));
+        assert_eq!(server.turns.len(), 1, "it has another session");
+        tell(&mut server, said(1, vec![close]));
+        assert!(server.turns.is_empty() && server.sessions.is_empty());
+    }
+}
+
+#[test]
 fn the_sessions_of_a_client_are_bounded_and_each_has_its_own_credit() {
     let objects = 3 * MAX_SESSIONS;
     let mut server = station_of(1, open(), objects);

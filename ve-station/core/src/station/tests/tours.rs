@@ -6,7 +6,7 @@ use crate::testing::Counted;
 use crate::tour::make_tour;
 use crate::tuning::service::MANY_CREDIT;
 use proptest::prelude::*;
-use protocol::{TourAsk, TourPoint};
+use protocol::{TourAsk, TourPoint, tour_points};
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// A station over bytes that are counted, and the count.
@@ -101,7 +101,7 @@ proptest! {
                     points.clear();
                     ask_tour(&mut server, &mut client, ask);
                 }
-                1..5 => if let Some(chunk) = server.poll_unfinished(1) {
+                1..5 => if let Some(chunk) = server.poll_unfinished(1, 0) {
                     take(&mut server, &mut client, &chunk, &mut points);
                 }
                 _ => {}
@@ -143,13 +143,13 @@ fn what_is_asked_while_a_tour_is_rolled_is_answered_between_two_steps() {
 #[test]
 fn who_waits_for_a_tour_can_be_told_that_it_is_being_rolled() {
     let (mut server, mut client) = (station(1), Client::new(1));
-    assert_eq!(server.poll_unfinished(1), None);
+    assert_eq!(server.poll_unfinished(1, 0), None);
     let ask = tour_ask(1, 2.0);
     ask_tour(&mut server, &mut client, ask);
     let mut points = Vec::new();
     for _ in 0..3 {
         assert_eq!(server.poll_within(1, &mut 2), None);
-        let (header, slots) = server.poll_unfinished(1).unwrap();
+        let (header, slots) = server.poll_unfinished(1, 0).unwrap();
         assert_eq!((header.count, header.last), (0, 0));
         assert!(!take(
             &mut server,
@@ -160,10 +160,10 @@ fn who_waits_for_a_tour_can_be_told_that_it_is_being_rolled() {
     }
     take_all(&mut server, &mut client, &mut points);
     assert_eq!(points, make_tour(&open(), ask).unwrap());
-    assert_eq!(server.poll_unfinished(1), None);
+    assert_eq!(server.poll_unfinished(1, 0), None);
     // The credit holds for it too.
     ask_tour(&mut server, &mut client, tour_ask(2, 2.0));
-    let told = std::iter::from_fn(|| server.poll_unfinished(1)).count() as u64;
+    let told = std::iter::from_fn(|| server.poll_unfinished(1, 0)).count() as u64;
     assert_eq!(told, CREDIT_CHUNKS);
 }
 
@@ -258,6 +258,37 @@ fn a_tour_goes_on_at_any_station_behind_what_its_client_has() {
         }
         assert!(rest == truth[100..], "from {from}");
     }
+}
+
+/// Steps that a tour takes in turns of one.
+fn steps_of(ask: TourAsk) -> u64 {
+    let (mut server, mut client) = (station(1), Client::new(1));
+    ask_tour(&mut server, &mut client, ask);
+    let mut used = 0;
+    loop {
+        let mut steps = 1;
+        let chunk = server.poll_within(1, &mut steps);
+        used += 1 - steps;
+        let Some((header, _)) = chunk else {
+            assert_eq!(steps, 0, "it is not over");
+            continue;
+        };
+        if header.last == 1 {
+            return used;
+        }
+        client.consumed += 1;
+        tell(&mut server, [client.request(RequestKind::Credit)]);
+    }
+}
+
+/// A slow tour has millions of points between two searches: they must not all pass in one turn.
+#[test]
+fn points_that_a_client_has_already_take_steps_too() {
+    let ask = tour_ask(5, 20.0);
+    let passed = tour_points(ask.seconds) / CHUNK_SLOTS as u64;
+    assert!(passed > 50);
+    let from = u64::MAX;
+    assert_eq!(steps_of(TourAsk { from, ..ask }), steps_of(ask) + passed);
 }
 
 #[test]
