@@ -114,9 +114,9 @@ impl Controller {
         self.governor.set_costs(costs);
     }
 
-    /// Call before a tick with what the last one took, if that is known: where it is longer than the
-    /// costs say, or the devices leave less of a period, ticks do less. An input of the tick as far
-    /// as a replay is concerned.
+    /// Call before a tick with what the last one took, if that is known: where it is longer than
+    /// the costs say, or the devices leave less of a period, ticks do less. An input of the tick as
+    /// far as a replay is concerned.
     pub fn note_work(&mut self, last: MeasuredTick) {
         self.governor.note_devices(f64::from(last.device_ns));
         self.governor.note_work(f64::from(last.work_ns));

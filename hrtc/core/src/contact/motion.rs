@@ -62,8 +62,8 @@ pub struct Placement {
     pub orientation: DQuat,
 }
 
-/// Rotation vector of a unit quaternion, radians, by the shorter way: a length of at most pi. Of the
-/// smallest turns too, which `to_scaled_axis` takes for none.
+/// Rotation vector of a unit quaternion, radians, by the shorter way: a length of at most pi. Of
+/// the smallest turns too, which `to_scaled_axis` takes for none.
 #[must_use]
 pub(crate) fn rotation_vector(turn: DQuat) -> DVec3 {
     let turn = if turn.w < 0.0 { -turn } else { turn };

@@ -149,8 +149,8 @@ impl ForceLimiter {
     }
 
     /// One tick, so many periods after the one before. The ramp rises to 1 while `open`, by no more
-    /// than a period's part a tick, and falls to 0 otherwise, by that of every period. A wrench that
-    /// is not finite counts as zero.
+    /// than a period's part a tick, and falls to 0 otherwise, by that of every period. A wrench
+    /// that is not finite counts as zero.
     pub fn pass(&mut self, wanted: Wrench, open: bool, elapsed: u64) -> LimitedWrench {
         let change = if open { 1.0 } else { -(elapsed as f64) };
         self.ramp = (self.ramp + change / self.ramp_ticks).clamp(0.0, 1.0);

@@ -140,19 +140,18 @@ impl Shading {
         self.high_water = self.high_water.max(nearest.all().len());
         self.cut += u64::from(nearest.is_cut() || is_short);
         let aside = |distance_squared: f64| (distance_squared - off * off).max(0.0);
-        let mut square = radius * radius;
-        let mut reached = square;
-        if nearest.is_cut() || is_short {
-            let farthest = if nearest.is_cut() {
-                nearest.farthest_squared()
-            } else {
-                f64::INFINITY
-            };
-            reached = aside(farthest.min(unvisited * unvisited));
-            if reached > 0.0 {
-                square = reached.min(square);
-            }
-        }
+        // How far aside all faces were seen.
+        let seen = if nearest.is_cut() {
+            nearest.farthest_squared().min(unvisited * unvisited)
+        } else {
+            unvisited * unvisited
+        };
+        let reached = aside(seen).min(radius * radius);
+        let square = if reached > 0.0 {
+            reached
+        } else {
+            radius * radius
+        };
         let weighed = || {
             nearest.all().iter().map(|face| {
                 let near = (1.0 - aside(face.distance_squared) / square).max(0.0);

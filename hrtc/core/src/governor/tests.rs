@@ -1,0 +1,190 @@
+//! The law of the governor, on machines whose costs are right, wrong and changing.
+
+use super::*;
+
+/// Ticks that spend all they may on a machine whose costs are wrong by a factor.
+fn run(governor: &mut Governor, factor: f64, ticks: usize) -> Vec<f64> {
+    let mut times = Vec::with_capacity(ticks);
+    for k in 0..ticks {
+        governor.begin_tick([1, 0]);
+        let faces = governor.time.faces(1.0);
+        governor.time.set_refinement(faces, 0);
+        governor.end_queries(k as u64, false, true);
+        let spent = governor.time.spent.total();
+        times.push(factor * spent);
+        governor.note_work(factor * spent);
+    }
+    times
+}
+
+#[test]
+fn a_slower_machine_gets_less_work_at_once_and_a_fast_one_more_within_a_second() {
+    let mut governor = Governor::new(1e-3, 96);
+    for factor in [1.0, 4.0, 1.5, 8.0, 0.8] {
+        let times = run(&mut governor, factor, 3000);
+        for (k, &ns) in times.iter().enumerate().skip(3) {
+            assert!(ns <= 0.96e6, "factor {factor}: tick {k} took {ns} ns");
+        }
+        let last = times[2999];
+        assert!(last >= 0.5 * TIME_SHARE * 1e6, "factor {factor}: {last}");
+        let second = times[1000];
+        assert!(second >= 0.9 * last, "factor {factor}: {second} {last}");
+    }
+}
+
+#[test]
+fn what_probes_need_grows_with_them_and_leaves_less_time_for_splits() {
+    let need = |slow: f64, period_s: f64, probes: [usize; 2]| {
+        let costs = WorkCosts::REFERENCE.scaled([slow; 4]);
+        TickNeed::new(costs, period_s, 96, probes)
+    };
+    let ball = need(1.0, 1e-3, [1, 0]);
+    assert_eq!(ball.operations, 96.0);
+    assert!(ball.fixed_ns < ball.contact_ns && ball.contact_ns < 0.1 * ball.share_ns);
+    let tool = need(4.0, 1e-3, [0, 1]);
+    assert!(tool.contact_ns > 4.0 * ball.contact_ns && tool.operations < 96.0);
+    let fast = need(4.0, 2.5e-4, [0, 1]);
+    assert!(fast.contact_ns > fast.share_ns && fast.operations < tool.operations);
+    // One collapse has time in any tick, as much as one or two usual splits take.
+    let least = need(16.0, 2.5e-4, [4, 0]).operations;
+    assert!((1.0..2.0).contains(&least), "{least}");
+}
+
+#[test]
+fn one_long_tick_changes_nothing_and_two_do() {
+    let mut governor = Governor::new(1e-3, 96);
+    run(&mut governor, 1.0, 10);
+    governor.note_work(5e6);
+    assert!((governor.slowness() - 1.0).abs() < 0.01);
+    governor.note_work(5e6);
+    assert!(governor.slowness() > 2.0);
+}
+
+#[test]
+fn late_ticks_take_time_off_and_it_comes_back() {
+    let mut governor = Governor::new(1e-3, 96);
+    let mut run = |ticks: usize, every: usize| {
+        for k in 0..ticks {
+            governor.begin_tick([1, 0]);
+            governor.time.set_refinement(governor.time.faces(1.0), 0);
+            governor.end_queries(k as u64, false, true);
+            let spent = governor.time.spent.total();
+            let is_late = k % every == every - 1;
+            governor.note_work(if is_late { 0.85e6 } else { spent });
+        }
+        governor.share
+    };
+    let share = run(999, 1000);
+    assert!(share == TIME_SHARE, "{share}");
+    // One late tick takes its part; one in twenty, all that may be taken.
+    let once = run(1, 1);
+    assert!(once == TIME_SHARE * (1.0 - LATE_CUT), "{once}");
+    assert!(run(4000, 20) < 1.05 * MIN_TIME_SHARE);
+    let back = run(8000, usize::MAX);
+    assert!(back > 0.95 * TIME_SHARE, "{back}");
+}
+
+#[test]
+fn steps_are_taken_where_they_change_something_and_go_back_when_the_machine_is_fast_again() {
+    let mut governor = Governor::new(1e-3, 96);
+    let mut tick = 0;
+    let mut run = |factor: f64, most: u32, seconds: u64| {
+        for _ in 0..seconds * 1000 {
+            tick += 1;
+            governor.begin_tick([1, 0]);
+            // A contact that takes all there is on a slow machine, half of it on a fast one.
+            let ns = governor.time.allowed().min(0.35e6);
+            governor.time.charge_queries(ns as u32);
+            let is_cut = governor.time.allowed() < 0.35e6;
+            let can_ask_for_less = governor.steps() < most;
+            governor.end_queries(tick, is_cut, can_ask_for_less);
+            governor.note_work(factor * governor.time.spent.total());
+        }
+        governor.steps()
+    };
+    assert_eq!(run(1.0, 5, 1), 0);
+    assert_eq!(run(8.0, 5, 14), 5, "no more than change something");
+    assert_eq!(
+        run(1.0, 5, 1),
+        0,
+        "a second later all of it is asked for again"
+    );
+}
+
+#[test]
+fn at_constant_load_the_operations_do_not_hunt() {
+    let mut governor = Governor::new(1e-3, 96);
+    governor.set_costs(WorkCosts::REFERENCE.scaled([6.0; 4]));
+    let mut before = [0.0; 2];
+    let mut turns = 0;
+    for k in 0..5000 {
+        governor.begin_tick([1, 0]);
+        // Contacts whose work comes and goes.
+        let units = if k % 50 < 10 { 900 } else { 100 };
+        let ns = f64::from(units) * governor.costs.ball;
+        governor.time.charge_queries(ns as u32);
+        governor.end_queries(k as u64, false, true);
+        governor.note_work(governor.time.spent.total());
+        let now = governor.operations();
+        if k > 1000 {
+            let changed = (now - before[1]) * (before[1] - before[0]) < 0.0;
+            let far = (now / before[1]).max(before[1] / now) > 1.25;
+            turns += u32::from(changed && far);
+        }
+        before = [before[1], now];
+    }
+    assert_eq!(turns, 0);
+}
+
+/// A driver that takes a third of the period is no slow machine, and what it takes is not there
+/// for the core.
+#[test]
+fn the_time_of_drivers_is_taken_off_and_says_nothing_of_the_machine() {
+    let mut governor = Governor::new(1e-3, 96);
+    let mut run = |device_ns: f64, factor: f64, ticks: usize| {
+        let mut longest = 0.0f64;
+        for k in 0..ticks {
+            governor.begin_tick([1, 0]);
+            // A long tick, and nine short ones.
+            let share = if k % 10 == 0 { 1.0 } else { 0.0 };
+            governor.time.set_refinement(governor.time.faces(share), 0);
+            governor.end_queries(k as u64, false, true);
+            let took = factor * governor.time.spent.total();
+            longest = longest.max(took + device_ns);
+            governor.note_devices(device_ns);
+            governor.note_work(took);
+        }
+        (governor.slowness(), governor.time.allowed(), longest)
+    };
+    let (slowness, without, _) = run(0.0, 1.0, 100);
+    assert!((slowness - 1.0).abs() < 1e-9);
+    run(0.3e6, 1.0, 2);
+    let (slowness, with, longest) = run(0.3e6, 1.0, 1000);
+    assert!((slowness - 1.0).abs() < 1e-9, "{slowness}");
+    assert!((without - with - 0.3e6).abs() < 1.0, "{without} {with}");
+    assert!(longest <= TIME_SHARE * 1e6, "{longest}");
+    run(0.3e6, 2.0, 1000);
+    let (slowness, _, longest) = run(0.3e6, 2.0, 1000);
+    assert!((1.9..=2.0).contains(&slowness), "{slowness}");
+    let share = longest / (TIME_SHARE * 1e6);
+    assert!((0.9..=1.05).contains(&share), "{share}");
+    // One long read changes nothing; a driver that is fast again gives its time back.
+    run(0.0, 2.0, 3000);
+    run(5e6, 2.0, 1);
+    run(0.0, 2.0, 2);
+    assert!(governor.device_ns < 100.0, "{}", governor.device_ns);
+}
+
+#[test]
+fn what_is_no_time_changes_nothing() {
+    let mut governor = Governor::new(1e-3, 96);
+    let costs = *governor.costs();
+    governor.set_costs(WorkCosts {
+        face: f64::NAN,
+        ..costs
+    });
+    assert_eq!(*governor.costs(), costs);
+    governor.begin_tick([1, 0]);
+    governor.note_work(f64::NAN);
+    assert!(governor.slowness() == 1.0);
+}
