@@ -196,8 +196,9 @@ impl Bench {
         ))
     }
 
-    /// Brakes, and goes to a place as fast as a hand could, from rest to rest.
-    pub fn travel(&mut self, place: DVec3) {
+    /// Brakes, and goes to a place as fast as a hand could, from rest to rest. The answer to the
+    /// last tick: the second one at the place.
+    pub fn travel(&mut self, place: DVec3) -> Response {
         let most = TRAVEL_M_PER_S2 * self.period_s() * self.period_s();
         let mut from = self.at.map_or(place, |at| at.position);
         while self.motion.length() > most {
@@ -214,7 +215,7 @@ impl Bench {
             self.touch(from.lerp(place, way));
         }
         // The next motion begins from rest.
-        self.touch(place);
+        self.touch(place)
     }
 
     /// Goes to a place within a surface, from outside of it, where `out` leads: the last way slowly

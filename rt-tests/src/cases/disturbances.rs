@@ -10,6 +10,8 @@ use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::Pose;
 use glam::{DQuat, DVec3};
+use hrtc_core::horizons::Horizons;
+use hrtc_core::record::max_or_nan;
 use mutants::Mutant;
 use spm_builder::SoupMesh;
 use spm_builder::generate::{Shape, generate};
@@ -115,7 +117,7 @@ pub const CASES: &[Case] = &[
             [
                 "samples-of-noise",
                 "23",
-                "outputs that are no numbers, too large, or uncounted",
+                "outputs that are no numbers, too large, uncounted, or not held",
             ],
             0.0,
             Mutant::NotFinite,
@@ -154,7 +156,7 @@ pub const CASES: &[Case] = &[
 ];
 
 /// Case 18: change of the force in a tick over what the slew limit allows, the largest: a start
-/// inside, and jumps of 10 mm.
+/// inside, and jumps of 10 mm; infinite where a start leads to no force at all.
 fn jumps(
     Trial {
         size,
@@ -169,7 +171,7 @@ fn jumps(
         let mut bench = Bench::new(&bytes, defaults)?;
         bench.expect_rejections();
         let most_n = bench.plan().safety.force_max_n;
-        let mut last = DVec3::ZERO;
+        let (mut last, mut strongest_n) = (DVec3::ZERO, 0.0);
         // It starts inside, a centimetre deep.
         let inside = DVec3::Z * (radius - 0.01);
         let mut place = inside;
@@ -184,8 +186,11 @@ fn jumps(
             let force = bench.touch(place).force;
             found.must(force.length() <= most_n);
             found.most(force.distance(last) / bench.slew_n());
+            strongest_n = max_or_nan(strongest_n, force.length());
             last = force;
         }
+        // Without a force there is nothing to limit.
+        found.must(strongest_n > 0.0);
     }
     Ok(found)
 }
@@ -237,8 +242,9 @@ fn spikes(
 }
 
 /// Case 23: outputs that are no numbers or beyond the limit, while samples are not numbers,
-/// infinite or missing; wrong samples that are not counted; and a mesh and effects with numbers
-/// that are none, which must not begin.
+/// infinite or missing; wrong samples that are not counted; good ones that are rejected, and a
+/// force that is not held meanwhile; and a mesh and effects with numbers that are none, which must
+/// not begin.
 fn noise(
     Trial {
         size,
@@ -255,31 +261,14 @@ fn noise(
     let good = Pose::at(DVec3::Z * (radius - 5e-3));
     bench.travel(good.position);
     bench.expect_rejections();
+    let mut held = HeldForce::new(good, defaults.rate_hz);
     for _ in 0..size.of(20_000, 1_000_000) {
-        let odd = [
-            f64::NAN,
-            f64::INFINITY,
-            f64::NEG_INFINITY,
-            f64::MAX,
-            1e300,
-            -0.0,
-            5e-324,
-        ];
-        let any = odd[(unit(random) * odd.len() as f64) as usize];
-        let pose = match (unit(random) * 8.0) as u32 {
-            0 => Some(Pose::at(DVec3::new(any, 0.0, good.position.z))),
-            1 => Some(Pose::at(DVec3::splat(any))),
-            2 => Some(Pose {
-                orientation: DQuat::from_xyzw(any, 0.0, 0.0, 1.0),
-                ..good
-            }),
-            3 => None,
-            _ => Some(good),
-        };
+        let pose = odd_sample(good, random);
         let response = bench.sample(pose);
         found.right(response.force.length() <= most_n && response.torque.is_finite());
         let is_wrong = pose.is_some_and(|pose| !pose.is_finite());
         found.right(!is_wrong || response.record.rejected_sample);
+        found.right(held.is_kept(pose, &response));
     }
     for effects in NOT_NUMBERS {
         let setup = Setup {
@@ -294,6 +283,80 @@ fn noise(
     };
     found.right(model(nothing, true).is_err());
     Ok(found)
+}
+
+/// A good sample, or none, or one with a number that is none, huge or subnormal.
+fn odd_sample(good: Pose, random: &mut impl rand::Rng) -> Option<Pose> {
+    let odd = [
+        f64::NAN,
+        f64::INFINITY,
+        f64::NEG_INFINITY,
+        f64::MAX,
+        1e300,
+        -0.0,
+        5e-324,
+    ];
+    let any = odd[(unit(random) * odd.len() as f64) as usize];
+    match (unit(random) * 8.0) as u32 {
+        0 => Some(Pose::at(DVec3::new(any, 0.0, good.position.z))),
+        1 => Some(Pose::at(DVec3::splat(any))),
+        2 => Some(Pose {
+            orientation: DQuat::from_xyzw(any, 0.0, 0.0, 1.0),
+            ..good
+        }),
+        3 => None,
+        _ => Some(good),
+    }
+}
+
+/// How far from where a probe rests a sample is one of another place, metres.
+const ELSEWHERE_M: f64 = 1e-6;
+
+/// A probe that rests in a contact which pushes along z, while samples go wrong: its good samples
+/// are believed, and its force is held as long as the product bears a silence. (At a low rate a
+/// hand may go far in a tick, so that a wrong sample may be a motion: after one nothing is asked
+/// for as long.)
+struct HeldForce {
+    good: Pose,
+    /// Ticks of a silence that the product bears.
+    bears: u64,
+    /// Ticks since it was believed to be elsewhere; 0 while it is.
+    there: u64,
+    /// Ticks since a sample was believed.
+    silent: u64,
+}
+
+impl HeldForce {
+    fn new(good: Pose, rate_hz: f64) -> Self {
+        Self {
+            good,
+            bears: Horizons::new(rate_hz).max_silence,
+            there: u64::MAX,
+            silent: 0,
+        }
+    }
+
+    /// Whether a tick did what is asked.
+    fn is_kept(&mut self, pose: Option<Pose>, response: &Response) -> bool {
+        let is_rejected = response.record.rejected_sample;
+        let believed = pose.filter(|_| !is_rejected);
+        let apart = |pose: Pose| pose.position.distance(self.good.position);
+        let is_near = believed.is_none_or(|pose| apart(pose) <= ELSEWHERE_M);
+        let was_there = self.there > self.bears;
+        self.there = if is_near && (self.there > 0 || believed.is_some()) {
+            self.there.saturating_add(1)
+        } else {
+            0
+        };
+        self.silent = if believed.is_some() {
+            0
+        } else {
+            self.silent + 1
+        };
+        let is_lost = was_there && pose == Some(self.good) && is_rejected;
+        let is_due = was_there && is_near && self.silent <= self.bears;
+        !is_lost && (!is_due || response.force.z > 0.0)
+    }
 }
 
 /// Effects with a number that is none.

@@ -7,9 +7,10 @@ use super::setup::Departure;
 use super::shapes;
 use crate::failure::Failure;
 use crate::models::surface::unit;
-use geometry::closest_point_on_triangle;
+use ab_tree::Child;
+use geometry::{Aabb, closest_point_on_triangle};
 use glam::DVec3;
-use hrtc_core::contact::query::closest_point;
+use hrtc_core::contact::query::{Surface, closest_point};
 use mutants::Mutant;
 use rand::RngCore;
 use spm_builder::generate::{Shape, generate};
@@ -18,7 +19,7 @@ use spm_builder::generate::{Shape, generate};
 pub const CASES: &[Case] = &[
     Case {
         facts: "after each of 1e4 random splits and collapses: the same nearest hit, boxes enclose",
-        runs: "10 000 splits and collapses of a relief by the product's own cache",
+        runs: "10 000 splits and collapses of a relief by the product's own cache; every corner of every face",
         departs: &[
             (Departure::OneOperation, "a look after each"),
             (Departure::Geomorph, "a change at once"),
@@ -95,7 +96,7 @@ fn refit(
     Ok(found)
 }
 
-/// One place near the surface by the tree and by all faces; and every face in its box.
+/// One place near the surface by the tree and by all faces; and every face in its boxes.
 fn look(bench: &Bench, random: &mut impl rand::Rng, found: &mut Found) {
     let surface = bench.surface();
     let mut faces = Vec::new();
@@ -115,6 +116,40 @@ fn look(bench: &Bench, random: &mut impl rand::Rng, found: &mut Found) {
     let (on_face, _) = closest_point(surface, middle, None);
     let rounding = 1e-12 * middle.length_squared();
     found.right(on_face.is_some_and(|of| of.closest.distance_squared <= rounding));
+    let (reached, out) = faces_in_boxes(surface);
+    found.right(reached == faces.len() && out == 0);
+}
+
+/// The faces that the tree leads to; and how many of them have a corner out of their box, with the
+/// boxes that are not within the one above them.
+fn faces_in_boxes(surface: Surface<'_>) -> (usize, usize) {
+    let Surface { mesh, tree } = surface;
+    let encloses = |of: &Aabb, points: &[DVec3]| {
+        let [lower, upper] = [of.lower, of.upper].map(|corner| corner.as_dvec3());
+        let is_within = |point: &DVec3| lower.cmple(*point).all() && point.cmple(upper).all();
+        points.iter().all(is_within)
+    };
+    let root = tree.root().map(|root| (root, *tree.root_box()));
+    let mut todo: Vec<(Child, Aabb)> = root.into_iter().collect();
+    let (mut reached, mut out) = (0, 0);
+    while let Some((child, of)) = todo.pop() {
+        match child {
+            Child::Face(face) => {
+                reached += 1;
+                out += usize::from(!encloses(&of, &mesh.corners(face)));
+            }
+            Child::Node(id) => {
+                let node = tree.node(id);
+                for (side, below) in node.children().into_iter().enumerate() {
+                    let inner = node.boxes().get(side);
+                    let ends = [inner.lower, inner.upper].map(|corner| corner.as_dvec3());
+                    out += usize::from(!encloses(&of, &ends));
+                    todo.push((below, inner));
+                }
+            }
+        }
+    }
+    (reached, out)
 }
 
 /// The unit sweep of collision: difference of forces and places, relative, the largest, where the

@@ -1,4 +1,7 @@
 //! Splits and collapses under the probe cannot be felt.
+//!
+//! Of the ball the radius is known, so that a proxy which fell through it shows: whatever holds it,
+//! it is outside of the full mesh where that is there.
 
 use super::bench::{Bench, Response, model, parts, spm};
 use super::case::{Case, Found, ProbeOfCase, Trial};
@@ -9,11 +12,13 @@ use crate::failure::Failure;
 use crate::models::surface::unit;
 use geometry::closest_point_on_triangle;
 use glam::{DQuat, DVec3};
+use hrtc_core::contact::query::closest_point;
 use mutants::Mutant;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use spm::SpmParts;
 use spm_builder::generate::{Shape, generate};
 use std::collections::HashSet;
+use std::sync::LazyLock;
 
 /// Why geomorphs are looked at alone.
 const ALONE: &str = "the geomorph alone is looked at";
@@ -164,6 +169,24 @@ const MAX_FOLD_MS: u64 = 10_000;
 const STEP_M: f64 = 5e-5;
 /// Of a height that is computed from a place, relative.
 const ROUNDING: f64 = 1e-12;
+/// Time without a change of the front after which a proxy has come to rest on it, milliseconds.
+const STILL_MS: u64 = 100;
+/// Share of its radius that a ball keeps away from the planes of the full mesh: it may rest on an
+/// edge to a face that is still coarse, which is tilted by up to 8 degrees.
+const BALL_SHARE: f64 = 0.99;
+/// The same of a tool, whose cap has 10 sides and 6 rings: cos 18° times cos 7.5°.
+const TOOL_SHARE: f64 = 0.94;
+
+/// Least distance of a face's plane from the middle of the ball, file units: its facets cut into
+/// the sphere of radius 1 by no more.
+static INNER_RADIUS: LazyLock<f64> = LazyLock::new(|| {
+    let mesh = generate(Shape::Sphere, FACES, 1);
+    let point = |v: u32| DVec3::from_array(mesh.positions[v as usize]);
+    let faces = mesh.triangles.iter().map(|face| face.map(point));
+    faces.fold(f64::INFINITY, |least, [a, b, c]| {
+        least.min((b - a).cross(c - a).normalize().dot(a).abs())
+    })
+});
 
 /// A random direction.
 fn direction(random: &mut Xoshiro256PlusPlus) -> DVec3 {
@@ -216,7 +239,7 @@ fn press(bench: &mut Bench, up: DVec3, mut height: f64) -> f64 {
 /// Case 12: a probe is pressed 1 mm into a body while the front under it goes from coarse to fine
 /// and back; or it is pressed into the base mesh and the records come late; the device is held, or
 /// is in a hand. The largest change of force in a tick over what is not felt; infinite where the
-/// proxy is on the other side. Logged: the largest change of torque.
+/// proxy is on the other side, or within the full ball. Logged: the largest change of torque.
 fn under_contact(
     Trial {
         size,
@@ -225,7 +248,7 @@ fn under_contact(
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let bodies = bodies()?;
-    let mut found = Found::new(0.0);
+    let (mut found, mut looks) = (Found::new(0.0), 0);
     for k in 0..size.of(4, 400) {
         let press = Press {
             coarse_m: coarse(k / 4),
@@ -234,9 +257,65 @@ fn under_contact(
             is_in_hand: k % 4 >= 2,
         };
         let bytes = &bodies[usize::from(press.is_rough)];
-        refined_and_back(bytes, defaults, press, direction(random), &mut found)?;
+        looks += refined_and_back(bytes, defaults, press, direction(random), &mut found)?;
     }
+    found.log("looks at the full ball", looks as f64);
+    // In a small cache the front may never be full.
+    found.must(looks > 0 || defaults.departs_in(Departure::SmallCache));
     Ok(found)
+}
+
+/// Whether a proxy is out of the ball at full resolution.
+struct FullBall {
+    /// How near to the middle it may be, metres.
+    least_m: f64,
+    /// Ticks without a change of the front.
+    still: u64,
+    /// Looks so far.
+    looks: u64,
+}
+
+impl FullBall {
+    fn new(setup: &Setup) -> Self {
+        let share = match setup.length_m {
+            None => BALL_SHARE,
+            Some(_) => TOOL_SHARE,
+        };
+        // The longest side of the ball is its diameter.
+        let inner_m = 0.5 * setup.size_m * *INNER_RADIUS;
+        Self {
+            least_m: inner_m + share * setup.radius_m,
+            still: 0,
+            looks: 0,
+        }
+    }
+
+    /// After a tick: looks now and then, while nothing changes.
+    fn tick(&mut self, bench: &Bench, response: &Response, found: &mut Found) {
+        let record = &response.record;
+        let changes = record.vsplits + record.ecols + record.geomorphing;
+        self.still = if changes == 0 { self.still + 1 } else { 0 };
+        let is_time = self.still.is_multiple_of(bench.setup().ticks(STILL_MS));
+        if self.still > 0 && is_time {
+            self.look(bench, response, found);
+        }
+    }
+
+    /// Looks, if the front is full where the proxy is. One that fell through touches nothing, so
+    /// that only the nearest face tells.
+    fn look(&mut self, bench: &Bench, response: &Response, found: &mut Found) {
+        let is_full = if response.record.contact {
+            response.record.contact_full
+        } else {
+            let place = bench.to_model(response.proxy);
+            let near = place.and_then(|place| closest_point(bench.surface(), place, None).0);
+            near.is_some_and(|near| bench.mesh().certified_error(near.face) == 0.0)
+        };
+        if is_full {
+            self.looks += 1;
+            found.must(response.proxy.length() >= self.least_m);
+        }
+    }
 }
 
 /// What moves the device while it is looked at.
@@ -270,14 +349,14 @@ struct Press {
     is_in_hand: bool,
 }
 
-/// A press along `up`.
+/// A press along `up`. Returns how often the proxy was looked at on the full ball.
 fn refined_and_back(
     bytes: &[u8],
     setup: Setup,
     how: Press,
     up: DVec3,
     found: &mut Found,
-) -> Result<(), Failure> {
+) -> Result<u64, Failure> {
     let coarse_m = how.coarse_m;
     let (mut bench, height) = over(bytes, setup, up, coarse_m)?;
     bench.mute(how.is_late);
@@ -302,6 +381,7 @@ fn refined_and_back(
     };
     let (mut splits, mut last) = (0, up * down);
     let mut changes = Changes::new(&setup, before.force);
+    let mut ball = FullBall::new(&setup);
     for tolerance_m in [0.0, coarse_m, 0.0] {
         bench.ask(tolerance_m);
         for _ in 0..setup.ticks(LOOK_MS) {
@@ -310,6 +390,9 @@ fn refined_and_back(
             let is_above = response.proxy.dot(up) >= place.dot(up) * (1.0 - ROUNDING);
             let is_outside = is_above && response.force.dot(up) >= 0.0;
             found.must(is_outside);
+            if tolerance_m == 0.0 && !how.is_rough {
+                ball.tick(&bench, &response, found);
+            }
             // What the device's own motion changes is its hand's.
             let own = setup.stiffness_n_per_m * place.distance(last);
             last = place;
@@ -323,12 +406,13 @@ fn refined_and_back(
     }
     // Where nothing changes nothing is shown.
     found.must(splits > 0);
-    Ok(())
+    Ok(ball.looks)
 }
 
 /// The energy of a cycle, measured at the device: the probe presses into the coarse front, the
 /// surface rises under it by s, the probe leaves the fine front, which goes coarse again. Without
-/// an account that is K p s + K s²/2, with one nothing.
+/// an account that is K p s + K s²/2, with one nothing; infinite where the proxy is within the full
+/// ball.
 fn cycle_energy(
     Trial {
         size,
@@ -338,7 +422,7 @@ fn cycle_energy(
 ) -> Result<Found, Failure> {
     let [bytes, _] = bodies()?;
     let mut found = Found::new(f64::NEG_INFINITY);
-    let mut rises = 0;
+    let (mut rises, mut ball) = (0, FullBall::new(&defaults));
     for k in 0..size.of(4, 400) {
         let (up, coarse_m) = (direction(random), coarse(k));
         let (mut bench, mut height) = over(&bytes, defaults, up, coarse_m)?;
@@ -347,7 +431,9 @@ fn cycle_energy(
         let down = press(&mut bench, up, height);
         let depth = bench.settle(up * down)?.proxy.dot(up) - down;
         bench.ask(0.0);
-        let rise = bench.settle(up * down)?.proxy.dot(up) - down - depth;
+        let fine = bench.settle(up * down)?;
+        ball.look(&bench, &fine, &mut found);
+        let rise = fine.proxy.dot(up) - down - depth;
         height = down;
         while height < defaults.size_m {
             height += STEP_M * defaults.ms(1);
@@ -363,7 +449,7 @@ fn cycle_energy(
             rises += 1;
         }
     }
-    found.must(rises > 0);
+    found.must(rises > 0 && ball.looks > 0);
     Ok(found)
 }
 
@@ -478,121 +564,4 @@ fn is_turned_over(bench: &Bench, place: DVec3, distance_m: f64) -> bool {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use rand::SeedableRng;
-
-    /// The direction of a press in the run of a seed.
-    fn direction_of(seed: u64, press: u64) -> DVec3 {
-        let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
-        (0..press).for_each(|_| _ = direction(&mut random));
-        direction(&mut random)
-    }
-
-    /// As it was when these were found.
-    const WITHOUT_ACCOUNT: Setup = Setup {
-        departs: &[(Departure::Account, ALONE)],
-        ..Setup::PRODUCT
-    };
-
-    fn is_not_felt(presses: &[(u64, u64)]) {
-        is_not_felt_in(WITHOUT_ACCOUNT, false, presses);
-    }
-
-    fn is_not_felt_by_a_tool(presses: &[(u64, u64)]) {
-        is_not_felt_in(WITHOUT_ACCOUNT.with_tool(), false, presses);
-    }
-
-    /// `is_in_hand`: of a rough body, by a device in a hand.
-    fn is_not_felt_in(setup: Setup, is_in_hand: bool, presses: &[(u64, u64)]) {
-        let bodies = bodies().unwrap();
-        for &(seed, k) in presses {
-            let mut found = Found::new(0.0);
-            let how = Press {
-                coarse_m: coarse(if is_in_hand { k / 4 } else { k }),
-                is_late: !is_in_hand && k % 2 == 1,
-                is_rough: is_in_hand,
-                is_in_hand,
-            };
-            let (bytes, up) = (&bodies[usize::from(is_in_hand)], direction_of(seed, k));
-            refined_and_back(bytes, setup, how, up, &mut found).unwrap();
-            assert!(found.value <= 1.0, "{seed}, {k}: {}", found.value);
-        }
-    }
-
-    /// Its motion was allowed to the probe as well.
-    #[test]
-    fn a_hand_that_gives_way_is_no_reason_to_go_farther() {
-        for (rate_hz, seed) in [(500.0, 4), (500.0, 5), (2000.0, 3)] {
-            let mut setup = Setup::at_rate(rate_hz);
-            setup.departs = WITHOUT_ACCOUNT.departs;
-            is_not_felt_in(setup, true, &[(seed, 3)]);
-        }
-    }
-
-    fn folds_nothing(presses: &[(u64, u64)]) {
-        let bytes = folded_ball().unwrap();
-        let setup = WITHOUT_ACCOUNT;
-        for &(seed, k) in presses {
-            let mut found = Found::new(0.0);
-            let up = direction_of(seed, k);
-            refined_over_folds(&bytes, setup, up, &mut found).unwrap();
-            assert!(found.value <= 1.0, "{seed}, {k}: {}", found.value);
-        }
-    }
-
-    /// Below and out of reach before, above and out of reach after: it was said not to be felt.
-    #[test]
-    fn a_face_that_passes_over_a_free_probe_is_felt() {
-        is_not_felt(&[(1, 11), (1, 303), (2, 83), (3, 219), (5, 155)]);
-    }
-
-    /// Neither step came within reach alone.
-    #[test]
-    fn both_vertices_of_a_pair_together_make_no_force_discontinuity() {
-        is_not_felt(&[(3, 344), (4, 296), (5, 396)]);
-    }
-
-    /// It met the tool from where it rested, and put it out by as much as anything near had
-    /// changed.
-    #[test]
-    fn what_has_met_a_tool_puts_it_out_by_no_more_than_that() {
-        is_not_felt_by_a_tool(&[(1, 109)]);
-    }
-
-    /// What was gathered was not known any more in the next tick, so that the tool never came to a
-    /// step.
-    #[test]
-    fn a_tool_goes_on_while_the_surface_changes_in_every_tick() {
-        is_not_felt_by_a_tool(&[(1, 279)]);
-    }
-
-    /// Where it could go by the contacts known so far was taken for where it will be held.
-    #[test]
-    fn a_tool_that_is_stopped_early_keeps_its_force() {
-        is_not_felt_by_a_tool(&[(2, 31), (2, 343)]);
-    }
-
-    #[test]
-    fn a_slow_rise_is_no_force_discontinuity() {
-        is_not_felt(&[(4, 175)]);
-    }
-
-    /// It was made out of reach, where nobody minds, and a vertex in flight brought it to the
-    /// probe.
-    #[test]
-    fn no_flight_brings_a_face_that_is_turned_over() {
-        folds_nothing(&[(1, 30), (1, 236), (2, 136), (2, 148), (2, 149)]);
-    }
-
-    #[test]
-    fn nothing_is_turned_over_beside_a_free_probe() {
-        folds_nothing(&[(3, 325)]);
-    }
-
-    /// By splits beside a flight, of which none turned it over by itself.
-    #[test]
-    fn nothing_is_turned_over_by_and_by_while_a_corner_flies() {
-        folds_nothing(&[(2, 63), (2, 66), (2, 88), (2, 192), (5, 139)]);
-    }
-}
+mod tests;

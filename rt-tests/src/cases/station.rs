@@ -44,12 +44,13 @@ pub const CASES: &[Case] = &[
     },
     Case {
         facts: FACTS,
-        runs: "a slide at 0.1 m/s, the station killed and another started, 2 of 4 s; 50 rounds",
+        runs: "a slide at 0.1 m/s, the station killed and another started, 2 of 4 s; 50 rounds; twin and slide \
+               within the slew limit",
         ..Case::of(RESTART, 1.0, Mutant::Silence, restarted_station)
     },
     Case {
         facts: FACTS,
-        runs: "the same under 2 MiB and a lossy link; evictions are logged",
+        runs: "the same under 2 MiB and a lossy link; records are evicted, how many is logged",
         departs: SMALL_LOSSY,
         ..Case::of(
             [
@@ -118,7 +119,9 @@ fn silent_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Fail
 
 /// Case 15: the change of force in a tick of a touch that slides on while its station is killed and
 /// another one started, beyond that of a twin whose station lives, over what is not felt; infinite
-/// where the contact has no certified bound, or a tick does more than its budget.
+/// where the contact has no certified bound, a tick does more than its budget, a force changes
+/// faster than the slew limit lets it, the twin's too, or a small cache evicts nothing. Logged of
+/// the twin: its largest step, as a whole and beyond what its own motion explains.
 fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
     let mesh = generate(Shape::Relief, FACES, 1);
     let corner = |v: u32| DVec3::from_array(mesh.positions[v as usize]);
@@ -133,11 +136,11 @@ fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, F
     let ticks = defaults.ticks(ROUND_MS) * size.of(1, 50);
     let twin = slide(&bytes, &full, defaults, ticks, None)?;
     let alone = slide(&bytes, &full, defaults, ticks, Some(&mut found))?;
-    let felt = twin
-        .iter()
-        .fold(0.0, |most, &(step, _)| max_or_nan(most, step));
+    found.must(twin.slew <= 1.0 + 1e-9 && alone.slew <= 1.0 + 1e-9);
+    let steps = twin.ticks.iter();
+    let felt = steps.fold(0.0, |most, &(step, _)| max_or_nan(most, step));
     let mut least = -1.0;
-    for (&(step, force), &(_, beside)) in alone.iter().zip(&twin) {
+    for (&(step, force), &(_, beside)) in alone.ticks.iter().zip(&twin.ticks) {
         // The largest over other faces: a coarse front is another surface.
         found.most(step - 1.5 * felt);
         let kept = if beside > 0.0 { force / beside } else { 1.0 };
@@ -145,23 +148,38 @@ fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, F
         found.must(force > 0.5 * beside);
     }
     found.log("largest step of the twin, over what is not felt", felt);
+    found.log("the same beyond its own motion", twin.beyond_motion);
     found.log("least force beside the twin's", -least);
     Ok(found)
 }
 
-/// The change of force in each tick of a slide around a body, over what is not felt, and the
-/// force. With `found` the station is killed and started again, and what is asked of every tick is
-/// looked at.
+/// What a slide was like.
+struct Slide {
+    /// The change of force in each tick, over what is not felt, and the force, newtons.
+    ticks: Vec<(f64, f64)>,
+    /// The largest change of force in a tick, over the slew limit.
+    slew: f64,
+    /// The same over what is not felt, beyond stiffness times the device's motion.
+    beyond_motion: f64,
+}
+
+/// A slide around a body. With `found` the station is killed and started again, and what is asked
+/// of every tick is looked at.
 fn slide(
     bytes: &[u8],
     full: &Surface,
     setup: Setup,
     ticks: u64,
     mut found: Option<&mut Found>,
-) -> Result<Vec<(f64, f64)>, Failure> {
+) -> Result<Slide, Failure> {
     let mut bench = Bench::new(bytes, setup)?;
     let budget = bench.controller().work_budget();
-    let mut steps = Vec::with_capacity(ticks as usize);
+    let slew_n = bench.slew_n();
+    let mut slide = Slide {
+        ticks: Vec::with_capacity(ticks as usize),
+        slew: 0.0,
+        beyond_motion: 0.0,
+    };
     let round = setup.ticks(ROUND_MS);
     bench.settle(DVec3::Z * setup.size_m)?;
     let frame = bench.controller().frame();
@@ -174,7 +192,7 @@ fn slide(
     };
     bench.press(place(0), DVec3::Z);
     bench.settle(place(0))?;
-    let mut before = bench.touch(place(0)).force;
+    let (mut before, mut last) = (bench.touch(place(0)).force, place(0));
     let mut evicted = 0;
     for tick in 1..=ticks {
         if found.is_some() {
@@ -184,11 +202,16 @@ fn slide(
                 _ => {}
             }
         }
-        let response = bench.touch(place(tick));
+        let now = place(tick);
+        let response = bench.touch(now);
         let allowed = setup.unfelt_n(before.length());
-        let step = response.force.distance(before) / allowed;
-        steps.push((step, response.force.length()));
-        before = response.force;
+        let step_n = response.force.distance(before);
+        let own_n = setup.stiffness_n_per_m * now.distance(last);
+        let force_n = response.force.length();
+        slide.ticks.push((step_n / allowed, force_n));
+        slide.slew = max_or_nan(slide.slew, step_n / slew_n);
+        slide.beyond_motion = max_or_nan(slide.beyond_motion, (step_n - own_n) / allowed);
+        (before, last) = (response.force, now);
         evicted = response.record.evicted;
         if let Some(found) = &mut found {
             found.must(response.record.contact && response.record.contact_bounded);
@@ -197,8 +220,9 @@ fn slide(
     }
     if let Some(found) = found {
         found.log("records evicted", evicted as f64);
+        found.must(evicted > 0 || !setup.departs_in(Departure::SmallCache));
     }
-    Ok(steps)
+    Ok(slide)
 }
 
 /// A place below the surface, where that is first met from outside towards the middle.

@@ -210,21 +210,27 @@ pub fn bounce_of(bench: &mut Bench, device: [f64; 2], speed: f64, phase: f64) ->
     bench.travel(start);
     let mut mass = FreeMass::of(device, start, DVec3::Z * -speed, period);
     let (mut travel, mut force, mut last) = (0.0, DVec3::ZERO, start);
-    for tick in 0..BOUNCE_TICKS {
+    let mut was_pushed = false;
+    for _ in 0..BOUNCE_TICKS {
         let place = mass.advance(force);
         let moved = place - last;
         // Of the period in which it touches only the part behind the surface is contact; in that in
-        // which it leaves the force acts to the end.
-        let behind = (surface - place.z) / moved.z.abs();
-        let share = if force == DVec3::ZERO {
-            behind.clamp(0.0, 1.0)
-        } else {
+        // which it leaves the force acts to the end. Where a force is withheld later on, the device
+        // pays for nothing.
+        let share = if force != DVec3::ZERO {
             1.0
+        } else if was_pushed {
+            0.0
+        } else {
+            let behind = (surface - place.z) / moved.z.abs();
+            behind.clamp(0.0, 1.0)
         };
         travel += share * moved.length_squared() / period;
         last = place;
         force = bench.touch(place).force;
-        if tick > 4 && force == DVec3::ZERO && travel > 0.0 {
+        was_pushed |= force != DVec3::ZERO;
+        // Behind the surface a force that is withheld may come again.
+        if travel > 0.0 && force == DVec3::ZERO && place.z >= surface {
             break;
         }
     }
@@ -380,7 +386,8 @@ fn missed(
             let turn = 6.0 * period * tick as f64;
             hand.intend(DVec3::Z * (3e-3 * turn.cos() - 4e-3), DVec3::ZERO);
             let miss = tick % 100 == 50 + (unit(random) * 2.0) as u64;
-            if force == DVec3::ZERO {
+            // A force that is withheld behind the surface does not end the contact.
+            if force == DVec3::ZERO && place.z >= setup.radius_m {
                 free_j = hand.work_j();
             }
             if miss && force != DVec3::ZERO {

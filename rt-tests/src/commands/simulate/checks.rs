@@ -1,10 +1,15 @@
 //! What holds after every tick of a controller, whatever happened.
 
+mod energy;
+
 use super::trace::{Checked, ensure};
+use energy::Account;
 use geometry::Wrench;
 use glam::DVec3;
+use haptic_device::COMMAND_VALIDITY_S;
 use hrtc_core::record::CoreRecord;
 use scene::{ProbePlan, SafetyPlan, ScenePlan};
+use simulated_device::DeviceState;
 use simulator::{Client, INBOX_CHUNKS};
 
 /// Cache for each active object of which a tenth holds every base mesh and what a contact needs.
@@ -20,6 +25,8 @@ pub struct Watch {
     safety: SafetyPlan,
     device_max_n: f64,
     period_s: f64,
+    /// Periods for which a wrench is valid.
+    validity: u64,
     cache_bytes: usize,
     /// The limit of the cache, and ticks since it was changed.
     limit: (u64, u64),
@@ -39,11 +46,17 @@ impl Watch {
     /// Of a controller before its first tick. `has_accounts`: whether the energy is checked.
     #[must_use]
     pub fn new(plan: &ScenePlan, device_max_n: f64, noise_m: f64, has_accounts: bool) -> Self {
-        let account = |probe: &ProbePlan| Account::new(plan, probe.device.encoder_m + noise_m);
+        let period_s = 1.0 / plan.loop_.rate_hz;
+        let validity = (COMMAND_VALIDITY_S / period_s).round() as u64;
+        let account = |probe: &ProbePlan| {
+            let step_m = probe.device.encoder_m + noise_m;
+            Account::new(plan, step_m, validity)
+        };
         Self {
             safety: plan.safety,
             device_max_n,
-            period_s: 1.0 / plan.loop_.rate_hz,
+            period_s,
+            validity,
             cache_bytes: plan.cache_bytes,
             limit: (plan.cache_bytes as u64, 0),
             may_be_limited: plan.cache_bytes >= AMPLE_BYTES * plan.active_objects(),
@@ -66,14 +79,17 @@ impl Watch {
         }
     }
 
-    /// Before a tick: the devices have moved under the forces so far. `places`: where they are,
-    /// exactly, metres.
+    /// Before a tick is checked: the devices have moved under the forces so far, to their true
+    /// states. Where these are no longer valid, they have gone to zero by themselves.
     ///
     /// # Errors
     /// When more energy came out than may.
-    pub fn moved(&mut self, places: &[DVec3], periods: u64) -> Checked {
-        for (account, &place) in self.accounts.iter_mut().flatten().zip(places) {
-            account.moved_to(place, periods)?;
+    pub fn moved(&mut self, devices: &[DeviceState], periods: u64) -> Checked {
+        if periods >= self.validity {
+            self.last.fill(Wrench::ZERO);
+        }
+        for (account, device) in self.accounts.iter_mut().flatten().zip(devices) {
+            account.moved_to(device, periods)?;
         }
         Ok(())
     }
@@ -165,8 +181,7 @@ impl Watch {
             )?;
             *last = *now;
             if let Some(accounts) = &mut self.accounts {
-                let given_j = records[k].given_j;
-                accounts[k].output(now.force, believed[k], given_j);
+                accounts[k].output(now.force, believed[k], &records[k]);
             }
         }
         Ok(())
@@ -214,119 +229,5 @@ impl Watch {
             "no force after a fault",
             || format!("{} ticks after: {fault}", self.faulty_ticks),
         )
-    }
-}
-
-/// The energy that a probe's forces put out in a contact, over the device's exact motion.
-///
-/// A contact may put out no more than it took in, beside what surfaces gave that were refined under
-/// the probe, up to what no sampled controller knows in time.
-/// With the largest force F and speed v of the contact, the largest error h of a position that was
-/// believed (the step of the encoder with the noise, or a spike that a hand could have made), n
-/// periods for which the motion was not known at the longest (a sample that did not come or was
-/// rejected, a stall), and the slew limit s:
-/// - two errors of a position in the balance, `2 F h` (of the encoder, the account tolerates it);
-/// - the motion of the periods under way, `F v (n + 1) T`, which is known only afterwards;
-/// - the force falls from F to 0 in `F / s` at best, on average with half of it: `F² v / (2 s)`.
-#[derive(Debug)]
-struct Account {
-    slew_n_per_s: f64,
-    period_s: f64,
-    step_m: f64,
-    /// Force in the period under way.
-    force: DVec3,
-    last: Option<DVec3>,
-    /// Put out in this contact, joules, beside what surfaces gave.
-    joules: f64,
-    /// What was put out so far that they gave, joules.
-    given_j: f64,
-    force_max: f64,
-    speed_max: f64,
-    held_max: u64,
-    /// Periods since the last sample that was believed.
-    blind: u64,
-    /// Its error, metres; and the largest error in this contact.
-    error_m: f64,
-    error_max_m: f64,
-}
-
-impl Account {
-    fn new(plan: &ScenePlan, step_m: f64) -> Self {
-        Self {
-            slew_n_per_s: plan.safety.slew_n_per_s,
-            period_s: 1.0 / plan.loop_.rate_hz,
-            step_m,
-            force: DVec3::ZERO,
-            last: None,
-            joules: 0.0,
-            given_j: 0.0,
-            force_max: 0.0,
-            speed_max: 0.0,
-            held_max: 1,
-            blind: 0,
-            error_m: 0.0,
-            error_max_m: 0.0,
-        }
-    }
-
-    /// The force of the coming period, and where the device was believed to be, if it was seen.
-    fn output(&mut self, force: DVec3, believed: Option<DVec3>, given_j: f64) {
-        self.force = force;
-        self.joules -= given_j - self.given_j;
-        self.given_j = given_j;
-        self.blind = if believed.is_some() {
-            0
-        } else {
-            self.blind + 1
-        };
-        if let (Some(believed), Some(place)) = (believed, self.last) {
-            self.error_m = believed.distance(place);
-        }
-    }
-
-    fn restart(&mut self) {
-        self.force = DVec3::ZERO;
-        self.last = None;
-        self.given_j = 0.0;
-        self.end();
-    }
-
-    fn end(&mut self) {
-        self.joules = 0.0;
-        self.force_max = 0.0;
-        self.speed_max = 0.0;
-        self.held_max = 1;
-        self.error_max_m = 0.0;
-    }
-
-    fn moved_to(&mut self, place: DVec3, periods: u64) -> Checked {
-        let Some(last) = self.last.replace(place) else {
-            return Ok(());
-        };
-        let size = self.force.length();
-        if size == 0.0 {
-            self.end();
-            return Ok(());
-        }
-        let motion = place - last;
-        self.joules += self.force.dot(motion);
-        self.force_max = self.force_max.max(size);
-        self.held_max = self.held_max.max(self.blind + periods);
-        self.error_max_m = self.error_max_m.max(self.error_m);
-        let speed = motion.length() / (periods as f64 * self.period_s);
-        self.speed_max = self.speed_max.max(speed);
-        let (force, speed) = (self.force_max, self.speed_max);
-        let error_m = self.step_m.max(self.error_max_m);
-        let under_way = speed * (self.held_max + 1) as f64 * self.period_s;
-        let tolerance =
-            force * (2.0 * error_m + under_way + speed * force / (2.0 * self.slew_n_per_s));
-        ensure(self.joules <= tolerance, "energy of a contact", || {
-            let mj = 1e3;
-            format!(
-                "{:.4} mJ put out, {:.4} mJ tolerated (force to {force:.2} N, speed to {speed:.3} m/s)",
-                self.joules * mj,
-                tolerance * mj
-            )
-        })
     }
 }

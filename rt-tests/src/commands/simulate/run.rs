@@ -126,6 +126,8 @@ pub fn new_client(scenario: &Scenario, k: usize, incarnation: u64) -> Client {
             .controller_mut()
             .set_motion_limits(probe, MotionLimits::HAND);
     }
+    // As in the product: the devices go to zero in a long stall.
+    client.expire_commands();
     client
 }
 
@@ -508,10 +510,8 @@ impl<'a> Run<'a> {
         let periods = side.last_tick.map_or(1, |last| tick - last);
         side.last_tick = Some(tick);
         let probes = 0..self.scenario.plan.probes.len();
-        let places: Vec<_> = probes
-            .map(|probe| client.hand(probe).state().pose.position)
-            .collect();
-        side.watch.moved(&places, periods)?;
+        let devices: Vec<_> = probes.map(|probe| client.hand(probe).state()).collect();
+        side.watch.moved(&devices, periods)?;
         side.watch.check(client)?;
         if let Some(processor) = &mut side.processor {
             processor.tick(client)?;
