@@ -5,10 +5,12 @@
 //! | module | holds |
 //! |---|---|
 //! | `asked` | which cases another proxy can be asked |
+//! | `kills` | each case with its fault in the product, beside the same case without it |
 //! | `step_times` | what a step of ours and of theirs takes |
 //! | `page`, `words` | all of it as a page, peers as tables |
 
 mod asked;
+mod kills;
 mod page;
 mod step_times;
 mod words;
@@ -48,8 +50,8 @@ pub struct StabilityArgs {
     /// Seed of everything that is random
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
-    /// Put each case's fault into the product: now every case is to fail. Needs a build with
-    /// --features mutants
+    /// Put each case's fault into the product: every case is to fail with it, and to pass without.
+    /// Needs a build with --features mutants
     #[arg(long, alias = "faults")]
     pub mutants: bool,
     /// Print each case's parameters beside the facts, and where it departs from the product
@@ -169,13 +171,43 @@ pub struct MutantFound {
     pub case: &'static str,
     /// Whether it did.
     pub killed: bool,
+    /// Whether that could be told: without the fault the case keeps to its limit.
+    pub judged: bool,
+    /// Why it could not be told, or why what happened is no kill.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub note: String,
+}
+
+impl Verdict {
+    /// Whether the command fails by it. That a case is known to be beyond its limit says nothing of
+    /// a run that broke off or measured nothing.
+    #[must_use]
+    pub fn fails(&self) -> bool {
+        let is_measured = self.error.is_empty() && self.passes_run > 0;
+        !self.pass && (self.open.is_empty() || !is_measured)
+    }
+
+    /// Whether it keeps to a limit that it is known not to keep to.
+    fn is_better_than_known(&self) -> bool {
+        self.pass && !self.open.is_empty()
+    }
+
+    /// The verdict in a word.
+    fn word(&self) -> &'static str {
+        match (self.pass, self.fails()) {
+            (true, _) => "pass",
+            (false, true) => "FAIL",
+            (false, false) => "open",
+        }
+    }
 }
 
 /// Runs the command.
 ///
 /// # Errors
 /// One sentence: status 2 for a name that is no case, a peer that is none, or `--mutants` in a
-/// build without them; 1 when a case fails, a mutant lives, or a peer breaks off.
+/// build without them; 1 when a case fails, a mutant lives or could not be judged, or a peer breaks
+/// off.
 pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
     make_folder(&args.out)?;
     let found = run_cases(args)?;
@@ -185,7 +217,7 @@ pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
     if args.json {
         print_json(&found)?;
     } else if args.mutants {
-        print(&mutants_table(&found))?;
+        print(&kills::table(&found))?;
     } else {
         print(&table(&found))?;
         print(&words::peers(&found))?;
@@ -198,25 +230,15 @@ pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
 
 /// Whether all is as it must be.
 fn judge(found: &Stability) -> Result<(), Failure> {
-    let failed = found.cases.iter().filter(|case| !case.pass);
-    let failed: Vec<&str> = failed
-        .filter(|case| case.open.is_empty())
-        .map(|case| case.name)
-        .collect();
-    let living = found.mutants.iter().filter(|mutant| !mutant.killed);
-    let living: Vec<String> = living
-        .map(|mutant| format!("{} of {}", mutant.name, mutant.case))
-        .collect();
-    match (failed.is_empty(), living.is_empty()) {
-        (true, true) => {}
-        (_, false) => return Err(Failure::Run(format!("mutants live: {}", living.join(", ")))),
-        (false, true) => {
-            return Err(Failure::Run(format!(
-                "beyond their limit: {} (seed {})",
-                failed.join(", "),
-                found.seed
-            )));
-        }
+    kills::judge(&found.mutants)?;
+    let failed = found.cases.iter().filter(|case| case.fails());
+    let failed: Vec<&str> = failed.map(|case| case.name).collect();
+    if !failed.is_empty() {
+        return Err(Failure::Run(format!(
+            "beyond their limit: {} (seed {})",
+            failed.join(", "),
+            found.seed
+        )));
     }
     let peers = found.cases.iter().flat_map(|case| &case.peers);
     match peers.clone().find(|peer| peer.broken) {
@@ -251,10 +273,12 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
     let is_chosen =
         |case: &&Case| args.cases.is_empty() || args.cases.iter().any(|n| n == case.name);
     let chosen: Vec<&Case> = all().filter(is_chosen).collect();
-    let bar = status_bar(chosen.len() as u64);
+    // With mutants each runs without its own first.
+    let runs = chosen.len() * if args.mutants { 2 } else { 1 };
+    let bar = status_bar(runs as u64);
     let (mut cases, mut mutants) = (Vec::new(), Vec::new());
     if args.mutants {
-        mutants = run_mutants(&chosen, args, |name| {
+        mutants = kills::run(&chosen, args, |name| {
             bar.set_message(name.to_string());
             bar.inc(1);
         })?;
@@ -379,53 +403,6 @@ fn run_case(case: &Case, args: &StabilityArgs, contender: Option<&'static Conten
     }
 }
 
-/// Every case with its fault in the product; a case that is known to fail says nothing of it.
-#[cfg(feature = "mutants")]
-fn run_mutants(
-    cases: &[&Case],
-    args: &StabilityArgs,
-    is_run: impl Fn(&str) + Sync,
-) -> Result<Vec<MutantFound>, Failure> {
-    use mutants::{Mutant, choose};
-
-    let hook = std::panic::take_hook();
-    // A panic is how invariants tell; it is counted.
-    std::panic::set_hook(Box::new(|_| {}));
-    let mut found = Vec::new();
-    for mutant in Mutant::ALL {
-        choose(Some(mutant));
-        let of_mutant = cases.par_iter().filter(|case| case.mutant == mutant);
-        let closed = of_mutant.filter(|case| case.open.is_empty());
-        let results: Vec<_> = closed
-            .map(|case| {
-                let verdict = run_case(case, args, None);
-                is_run(case.name);
-                MutantFound {
-                    name: format!("{mutant:?}"),
-                    case: case.name,
-                    killed: !verdict.pass,
-                }
-            })
-            .collect();
-        choose(None);
-        found.extend(results);
-    }
-    std::panic::set_hook(hook);
-    Ok(found)
-}
-
-#[cfg(not(feature = "mutants"))]
-fn run_mutants(
-    _: &[&Case],
-    _: &StabilityArgs,
-    _: impl Fn(&str),
-) -> Result<Vec<MutantFound>, Failure> {
-    Err(Failure::Input(
-        "this build has no mutants: build it with cargo run --release -p rt-tests --features mutants"
-            .to_string(),
-    ))
-}
-
 fn number(x: f64) -> String {
     match x {
         f64::MAX => "none".to_string(),
@@ -438,15 +415,10 @@ fn table(found: &Stability) -> String {
     let heads = "case | measure, the worst | verdict | seen | limit | passes";
     let mut table = Table::new(3, heads);
     for case in &found.cases {
-        let verdict = match (case.pass, case.open.is_empty()) {
-            (true, _) => "pass",
-            (false, true) => "FAIL",
-            (false, false) => "open",
-        };
         table.row([
             case.name.to_string(),
             case.measure.to_string(),
-            verdict.to_string(),
+            case.word().to_string(),
             number(case.value),
             number(case.limit),
             grouped(case.passes_run),
@@ -454,7 +426,14 @@ fn table(found: &Stability) -> String {
     }
     let open = found.cases.iter().filter(|case| !case.open.is_empty());
     let open: String = open
-        .map(|case| format!("open: {}: {}\n", case.name, case.open))
+        .map(|case| {
+            let keeps = if case.is_better_than_known() {
+                " keeps to its limit in this run"
+            } else {
+                ""
+            };
+            format!("open: {}{keeps}: {}\n", case.name, case.open)
+        })
         .collect();
     let logged: String = found
         .cases
@@ -490,15 +469,70 @@ fn parameters(found: &Stability) -> String {
     text
 }
 
-fn mutants_table(found: &Stability) -> String {
-    let mut table = Table::new(3, "mutant | case | verdict");
-    for mutant in &found.mutants {
-        let verdict = if mutant.killed { "killed" } else { "LIVES" };
-        table.row([
-            mutant.name.clone(),
-            mutant.case.to_string(),
-            verdict.to_string(),
-        ]);
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What a case came to, by an error where there is one.
+    pub(super) fn verdict(name: &'static str, pass: bool, error: &str) -> Verdict {
+        Verdict {
+            name,
+            number: "",
+            measure: "",
+            value: 0.0,
+            limit: 0.0,
+            pass,
+            open: "",
+            passes_run: 1,
+            probe: ProbeOfCase::Ball,
+            defaults: Vec::new(),
+            facts: "",
+            runs: "",
+            logged: Vec::new(),
+            error: error.to_string(),
+            mutant: "Sign".to_string(),
+            peers: Vec::new(),
+            no_equal: "",
+        }
     }
-    format!("faults in the product, seed {}\n\n{table}", found.seed)
+
+    fn found(case: Verdict) -> Stability {
+        Stability {
+            seed: 1,
+            full: false,
+            rate_hz: 1e3,
+            cases: vec![case],
+            step_times: Vec::new(),
+            mutants: Vec::new(),
+        }
+    }
+
+    /// A case that is known not to keep to its limit.
+    fn open(pass: bool, error: &str, passes_run: u64) -> Stability {
+        found(Verdict {
+            open: "so it is",
+            passes_run,
+            ..verdict("ridge", pass, error)
+        })
+    }
+
+    #[test]
+    fn an_open_case_may_be_beyond_its_limit_but_is_to_be_run_to_its_end() {
+        assert!(judge(&found(verdict("ridge", false, ""))).is_err());
+        assert_eq!(judge(&open(false, "", 1)), Ok(()));
+        for broken in [open(false, "it panicked", 1), open(false, "", 0)] {
+            assert!(judge(&broken).is_err());
+            assert!(table(&broken).contains("FAIL"), "{}", table(&broken));
+        }
+    }
+
+    #[test]
+    fn an_open_case_that_keeps_to_its_limit_is_told() {
+        let kept = open(true, "", 1);
+        assert_eq!(judge(&kept), Ok(()));
+        let said = "ridge keeps to its limit in this run";
+        assert!(table(&kept).contains(said), "{}", table(&kept));
+        assert!(page::page(&kept).contains(said));
+        assert!(!table(&open(false, "", 1)).contains(said));
+    }
 }

@@ -101,13 +101,17 @@ fn verdict(found: &Deadline) -> String {
     let rows = &found.rows;
     let runs = |of: fn(&Row) -> bool| rows.iter().filter(|row| of(row)).count();
     format!(
-        "of {} runs: {} with own misses ({} of their references), {} over a budget, {} with a p99.9 over {MAX_P999_RATIO} times the reference's, {} without a touch, {} with a figure that is not finite\n{}\n",
+        "of {} runs: {} with own misses ({} of their references), {} over a budget, {} with a p99.9 over {MAX_P999_RATIO} times the reference's, {} without a touch, {} with contacts without a certified error ({} ticks), {} with a figure that is not finite\n{}\n",
         rows.len(),
         runs(|row| row.missed_own_cpu > 0),
         runs(|row| row.reference_missed_own_cpu > 0),
         runs(|row| row.units_over_budget_ticks > 0),
         runs(|row| !row.is_steady()),
         runs(|row| row.contact_ticks == 0),
+        runs(|row| row.contact_unbounded_ticks > 0),
+        rows.iter()
+            .map(|row| row.contact_unbounded_ticks)
+            .sum::<u64>(),
         runs(|row| !row.non_finite.is_empty()),
         if found.pass { "pass" } else { "FAIL" }
     )
@@ -129,8 +133,9 @@ mod tests {
     #[test]
     fn a_run_passes_when_all_that_is_asked_was_kept() {
         assert!(kept().passes());
-        let faults: [fn(&mut Row); 6] = [
+        let faults: [fn(&mut Row); 7] = [
             |row| row.contact_ticks = 0,
+            |row| row.contact_unbounded_ticks = 1,
             |row| row.missed_own_cpu = 1,
             |row| row.units_over_budget_ticks = 1,
             |row| row.reference_p999_ratio = 1.6,
@@ -142,6 +147,23 @@ mod tests {
             fault(&mut row);
             assert!(!row.passes(), "fault {index}");
         }
+    }
+
+    #[test]
+    fn contacts_without_a_certified_error_are_counted_in_the_verdict() {
+        let unbounded = |ticks: u64| Row {
+            contact_ticks: 100,
+            contact_unbounded_ticks: ticks,
+            ..kept()
+        };
+        let found = Deadline {
+            rows: vec![kept(), unbounded(3), unbounded(4)],
+            left_out: Vec::new(),
+            pass: false,
+        };
+        let text = words(&found);
+        let said = "2 with contacts without a certified error (7 ticks)";
+        assert!(text.contains(said), "{text}");
     }
 
     #[test]

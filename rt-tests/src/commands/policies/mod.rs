@@ -55,6 +55,8 @@ pub struct Policies {
     pub rows: Vec<Row>,
     /// Scenes that were left out, and why.
     pub left_out: Vec<String>,
+    /// Rows that cannot be compared, and why; with one of them the command fails.
+    pub faults: Vec<String>,
     /// The policy of a scene that names none.
     pub default: PolicyPlan,
     /// Which one is the better.
@@ -78,7 +80,8 @@ pub struct Row {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence, with its status; status 1 when the default is not the better one.
+/// One sentence, with its status; status 1 when the default is not the better one, or a row cannot
+/// be compared: it touched nothing, measured nothing, or took more time than it might.
 pub fn policies(args: &PoliciesArgs) -> Result<(), Failure> {
     check_slow(&args.slow)?;
     check_seconds(args.seconds)?;
@@ -88,11 +91,23 @@ pub fn policies(args: &PoliciesArgs) -> Result<(), Failure> {
     let rows = run_all(args, &scenes)?;
     let found = Policies {
         verdict: verdict(&rows),
+        faults: words::faults(&rows),
         rows,
         left_out,
         default: PolicyPlan::default(),
     };
     print_either(args.json, &words::words(&found), &found)?;
+    judge(&found)
+}
+
+/// Whether all rows could be compared, and the default is the better policy.
+fn judge(found: &Policies) -> Result<(), Failure> {
+    if !found.faults.is_empty() {
+        return Err(Failure::Run(format!(
+            "no comparison at equal time: {}",
+            found.faults.join("; ")
+        )));
+    }
     if found.verdict.better == Some(found.default) {
         Ok(())
     } else {
@@ -140,4 +155,61 @@ fn run_all(args: &PoliciesArgs, scenes: &[Scene]) -> Result<Vec<Row>, Failure> {
 fn plan_of(scene: &Scene, seed: u64) -> Result<ScenePlan, Failure> {
     let overrides = scene.overrides(seed).overrides();
     Ok(load(&scene.path, &overrides, &DiskFiles)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::trial::Errors;
+    use super::*;
+
+    /// The default policy with the smaller error.
+    fn rows() -> Vec<Row> {
+        let row = |(policy, mean): (PolicyPlan, f64)| Row {
+            scene: "a".to_owned(),
+            slow: 2.0,
+            policy,
+            trial: Trial {
+                ticks: 2,
+                contact_ticks: 1,
+                measured_errors: 1,
+                measured_error_m: Errors {
+                    mean,
+                    ..Errors::default()
+                },
+                ..Trial::default()
+            },
+        };
+        POLICIES.into_iter().zip([1e-5, 1e-4]).map(row).collect()
+    }
+
+    fn found(rows: Vec<Row>) -> Policies {
+        Policies {
+            verdict: verdict(&rows),
+            faults: words::faults(&rows),
+            rows,
+            left_out: Vec::new(),
+            default: PolicyPlan::default(),
+        }
+    }
+
+    #[test]
+    fn a_row_that_cannot_be_compared_fails_the_command_and_is_named() {
+        let sound = found(rows());
+        assert_eq!(judge(&sound), Ok(()));
+        let faults: [fn(&mut Trial); 2] = [
+            |trial| trial.contact_ticks = 0,
+            |trial| trial.over_budget_ticks = 1,
+        ];
+        for fault in faults {
+            let mut rows = [rows(), rows()].concat();
+            fault(&mut rows[3].trial);
+            let odd = found(rows);
+            // The other pair alone would be enough.
+            assert_eq!(odd.verdict.better, Some(odd.default));
+            let said = judge(&odd).expect_err("a row cannot be compared");
+            assert_eq!(said.status(), 1);
+            assert!(said.to_string().contains("a, F = 2, reactive"), "{said}");
+            assert!(words::words(&odd).contains(&odd.faults[0]));
+        }
+    }
 }

@@ -8,7 +8,7 @@ use glam::DVec3;
 use hrtc_core::governor::{CostGroup, MeasuredTick, WorkCosts};
 use hrtc_core::record::{CoreRecord, max_or_nan};
 use scene::ScenePlan;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 use simulator::{Client, ClientOptions, STATION, Simulation};
 use station_core::station::Station;
 use ve_station::FileBytes;
@@ -21,13 +21,26 @@ const LOOK_TICKS: u64 = 256;
 #[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct Errors {
     /// Mean.
+    #[serde(serialize_with = "in_json")]
     pub mean: f64,
     /// Median, 99th of 100, and the largest.
+    #[serde(serialize_with = "in_json")]
     pub p50: f64,
     /// See `p50`.
+    #[serde(serialize_with = "in_json")]
     pub p99: f64,
     /// See `p50`.
+    #[serde(serialize_with = "in_json")]
     pub max: f64,
+}
+
+/// JSON has neither infinity nor what is no number.
+fn in_json<S: Serializer>(value: &f64, to: S) -> Result<S::Ok, S::Error> {
+    to.serialize_f64(if value.is_nan() {
+        f64::MAX
+    } else {
+        value.clamp(f64::MIN, f64::MAX)
+    })
 }
 
 impl Errors {
@@ -56,12 +69,15 @@ pub struct Trial {
     pub contact_unbounded_ticks: u64,
     /// Certified error at the contact, metres, of ticks that have one.
     pub certified_error_m: Errors,
+    /// Errors that were measured at the contact; without one there is nothing to compare.
+    pub measured_errors: u64,
     /// Measured error at the contact, metres.
     pub measured_error_m: Errors,
     /// Errors that are not above this are rounding, metres: the coordinates of a model are stored
     /// in single precision.
     pub rounding_m: f64,
     /// Mean of what a tick has spent by the costs, in shares of what it might.
+    #[serde(serialize_with = "in_json")]
     pub spent_share: f64,
     /// Ticks that spent more than they might.
     pub over_budget_ticks: u64,
@@ -70,7 +86,38 @@ pub struct Trial {
     /// How often the tolerance changed its direction in a second of contact.
     pub turns_per_s: f64,
     /// Largest change of a force in a period, newtons.
+    #[serde(serialize_with = "in_json")]
     pub force_step_n_max: f64,
+}
+
+impl Trial {
+    /// Why it cannot be compared with another one; empty where it can.
+    #[must_use]
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        if self.contact_ticks == 0 {
+            faults.push("nothing was touched".to_string());
+        } else if self.measured_errors == 0 {
+            faults.push("no error at a contact was measured".to_string());
+        }
+        if self.over_budget_ticks > 0 {
+            faults.push(format!(
+                "{} of {} ticks spent more than they might: the time is not equal",
+                self.over_budget_ticks, self.ticks
+            ));
+        }
+        if !self.is_finite() {
+            faults.push("a figure is not finite".to_string());
+        }
+        faults
+    }
+
+    fn is_finite(&self) -> bool {
+        let errors = [&self.certified_error_m, &self.measured_error_m];
+        let of_errors = errors.into_iter().flat_map(|of| [of.mean, of.max]);
+        let others = [self.spent_share, self.force_step_n_max];
+        of_errors.chain(others).all(f64::is_finite)
+    }
 }
 
 /// What is summed over the runs of a row.
@@ -133,7 +180,9 @@ impl Sums {
         trial.operations += u64::from(record.vsplits + record.ecols);
         trial.over_budget_ticks += u64::from(record.spent_ns > record.allowed_ns);
         self.spent += f64::from(record.spent_ns) / f64::from(record.allowed_ns);
-        if record.measured_error_m >= 0.0 {
+        // Negative: none arrived. What is no number is kept: it is no error of 0.
+        if record.measured_error_m >= 0.0 || record.measured_error_m.is_nan() {
+            trial.measured_errors += 1;
             self.measured.push(record.measured_error_m);
         }
         if !record.contact {
@@ -243,5 +292,52 @@ mod tests {
         assert!((trial.certified_error_m.mean - 2e-3).abs() < 1e-12);
         assert_eq!(trial.certified_error_m.max, 3e-3);
         assert_eq!(trial.spent_share, 0.25);
+    }
+
+    fn measured(errors: &[f64]) -> Trial {
+        let mut sums = Sums::default();
+        for &measured_error_m in errors {
+            let record = CoreRecord {
+                contact: true,
+                contact_bounded: true,
+                measured_error_m,
+                allowed_ns: 4,
+                spent_ns: 1,
+                ..CoreRecord::default()
+            };
+            sums.add(&record, &mut None, 1e-3);
+        }
+        sums.trial()
+    }
+
+    #[test]
+    fn a_measured_error_that_is_no_number_stays_and_is_a_fault() {
+        let sound = measured(&[1e-3, -1.0, 3e-3]);
+        assert_eq!(sound.measured_errors, 2);
+        assert!((sound.measured_error_m.mean - 2e-3).abs() < 1e-12);
+        assert!(sound.faults().is_empty(), "{:?}", sound.faults());
+        let odd = measured(&[1e-3, f64::NAN, 3e-3]);
+        assert_eq!(odd.measured_errors, 3);
+        assert!(odd.measured_error_m.mean.is_nan() && odd.measured_error_m.max.is_nan());
+        assert_eq!(odd.faults().len(), 1, "{:?}", odd.faults());
+        // JSON has no such number: neither null nor 0 stands for it.
+        let json = serde_json::to_value(&odd).expect("it has a JSON");
+        assert_eq!(json["measured_error_m"]["mean"], f64::MAX);
+    }
+
+    #[test]
+    fn a_trial_without_a_touch_or_an_error_or_beyond_its_budget_cannot_be_compared() {
+        let sound = measured(&[1e-3]);
+        let faults: [fn(&mut Trial); 4] = [
+            |trial| trial.contact_ticks = 0,
+            |trial| trial.measured_errors = 0,
+            |trial| trial.over_budget_ticks = 1,
+            |trial| trial.force_step_n_max = f64::NAN,
+        ];
+        for (index, fault) in faults.into_iter().enumerate() {
+            let mut trial = sound.clone();
+            fault(&mut trial);
+            assert_eq!(trial.faults().len(), 1, "fault {index}");
+        }
     }
 }

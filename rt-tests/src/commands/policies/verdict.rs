@@ -10,8 +10,8 @@ const CLEARLY: f64 = 0.9;
 
 /// The rule, for whoever reads the table.
 pub const RULE: &str = "a pair of rows goes to the policy whose mean measured error is smaller by \
-                        a tenth or more, to none where neither is or both are rounding; the better \
-                        policy has more pairs";
+                        a tenth or more, to none where neither is, both are rounding, or one \
+                        cannot be compared; the better policy has more pairs";
 
 /// Which policy is the better one; see [`RULE`].
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -48,6 +48,10 @@ pub fn verdict(rows: &[Row]) -> Verdict {
 }
 
 fn winner(pair: &[Row]) -> Option<usize> {
+    // A run without a touch has a mean of 0 that nobody measured.
+    if pair.iter().any(|row| !row.trial.faults().is_empty()) {
+        return None;
+    }
     let mean = |k: usize| pair[k].trial.measured_error_m.mean;
     // What is no number wins nothing.
     (0..POLICIES.len()).find(|&k| {
@@ -72,6 +76,8 @@ mod tests {
                     ..Errors::default()
                 },
                 rounding_m: 1e-8,
+                contact_ticks: 1,
+                measured_errors: 1,
                 ..Trial::default()
             },
         }
@@ -96,5 +102,22 @@ mod tests {
         let found = judged(&[[1e-12, 9e-9], [f64::NAN, 1.0], [1.0, f64::NAN], [0.0, 0.0]]);
         assert_eq!((found.pairs, found.even), ([0, 0], 4));
         assert_eq!(found.better, None);
+    }
+
+    #[test]
+    fn a_run_that_cannot_be_compared_wins_nothing_and_loses_nothing() {
+        let faults: [fn(&mut Trial); 3] = [
+            |trial| trial.contact_ticks = 0,
+            |trial| trial.measured_errors = 0,
+            |trial| trial.over_budget_ticks = 1,
+        ];
+        for (index, fault) in faults.into_iter().enumerate() {
+            for k in 0..POLICIES.len() {
+                let mut pair = [row(0, 0.0), row(1, 1e-4)];
+                fault(&mut pair[k].trial);
+                let found = verdict(&pair);
+                assert_eq!((found.pairs, found.even), ([0, 0], 1), "fault {index}");
+            }
+        }
     }
 }

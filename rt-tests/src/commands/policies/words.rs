@@ -12,7 +12,8 @@ pub fn words(found: &Policies) -> String {
     let heads = "scene | F | policy | full | certified\n\
                  p50 | p99 | max | measured\n\
                  mean | p50 | p99 | max | time\n\
-                 spent | turns\n\
+                 spent | over\n\
+                 budget | turns\n\
                  a second | step,\n\
                  N";
     let mut table = Table::new(3, heads);
@@ -23,11 +24,12 @@ pub fn words(found: &Policies) -> String {
         "F: how many times as long every unit of work takes\n\
          full: ticks in contact at full resolution\n\
          certified, measured: error at the contact, 0 where it is rounding\n\
-         time spent: of what a tick might take\n\
+         time spent: of what a tick might take; over budget: ticks that spent more\n\
          turns: changes of direction of the tolerance\n\
          step: largest change of a force in a period\n\n{table}\n"
     );
-    for sentence in found.left_out.iter().chain(&unbounded(found)) {
+    let sentences = found.left_out.iter().chain(&found.faults);
+    for sentence in sentences.chain(&unbounded(found)) {
         text += sentence;
         text.push('\n');
     }
@@ -47,6 +49,19 @@ pub fn words(found: &Policies) -> String {
     text
 }
 
+/// Rows that cannot be compared, and why.
+#[must_use]
+pub fn faults(rows: &[Row]) -> Vec<String> {
+    let of_row = |row: &Row| {
+        let place = format!("{}, F = {}, {}", row.scene, row.slow, name(row.policy));
+        let faults = row.trial.faults().into_iter();
+        faults
+            .map(|why| format!("{place}: {why}"))
+            .collect::<Vec<_>>()
+    };
+    rows.iter().flat_map(of_row).collect()
+}
+
 /// Where a contact had no certified error.
 fn unbounded(found: &Policies) -> Vec<String> {
     let rows = found.rows.iter();
@@ -64,7 +79,7 @@ fn unbounded(found: &Policies) -> Vec<String> {
     unbounded.map(sentence).collect()
 }
 
-fn cells(row: &Row) -> [String; 14] {
+fn cells(row: &Row) -> [String; 15] {
     let trial = &row.trial;
     let (certified, measured) = (&trial.certified_error_m, &trial.measured_error_m);
     let error = |metres: f64| {
@@ -87,6 +102,7 @@ fn cells(row: &Row) -> [String; 14] {
         error(measured.p99),
         error(measured.max),
         percent_of(trial.spent_share),
+        trial.over_budget_ticks.to_string(),
         format!("{:.2}", trial.turns_per_s),
         format!("{:.3}", trial.force_step_n_max),
     ]

@@ -83,7 +83,7 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "N")]
     pub ticks: Option<u64>,
     /// Put each named fault into the product in turn, until a seed of 200 finds it (a build with
-    /// --features mutants); status 1 when one is not found
+    /// --features mutants); status 1 when one is not found, or a seed fails without one
     #[arg(long, conflicts_with_all = ["seeds", "only", "weight", "ticks"])]
     pub mutants: bool,
     /// Print one JSON object with the result on standard output
@@ -101,7 +101,7 @@ fn seeds(text: &str) -> Result<Range<u64>, String> {
     Ok(range)
 }
 
-/// What is printed as JSON.
+/// What is printed as JSON, with `first_failing_seed` beside it.
 #[derive(Debug, Clone, Default, Serialize)]
 pub struct Simulated {
     /// Seeds that ran.
@@ -157,7 +157,8 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         return find_mutants(args.json);
     }
     let found = run_seeds(args, &Library::build()?);
-    print_either(args.json, &words(&found), &found)?;
+    let printed = Printed::of(&found, &found.violations);
+    print_either(args.json, &words(&found), &printed)?;
     if found.violations.is_empty() {
         return is_covered(args, &found);
     }
@@ -184,14 +185,47 @@ pub fn is_covered(args: &SimulateArgs, found: &Simulated) -> Result<(), Failure>
     )))
 }
 
+/// The object that is printed: what was found, and the first seed that failed.
+#[derive(Debug, Serialize)]
+struct Printed<'a, T: Serialize> {
+    #[serde(flatten)]
+    found: &'a T,
+    /// -1 where none failed.
+    first_failing_seed: i64,
+}
+
+impl<'a, T: Serialize> Printed<'a, T> {
+    fn of(found: &'a T, violations: &[SeedFailed]) -> Self {
+        let first = violations.iter().map(|failed| failed.seed).min();
+        let first = first.map_or(-1, |seed| i64::try_from(seed).unwrap_or(i64::MAX));
+        Self {
+            found,
+            first_failing_seed: first,
+        }
+    }
+}
+
+/// What is printed as JSON with `--mutants`, with `first_failing_seed` beside it.
+#[derive(Debug, Clone, Default, Serialize)]
+pub struct MutantsFound {
+    /// Seeds that ran with a mutant, over all of them.
+    pub seeds: u64,
+    /// Seeds that failed without a mutant, of those that failed with one.
+    pub violations: Vec<SeedFailed>,
+    /// The mutants.
+    pub mutants: Vec<MutantFound>,
+}
+
 /// What found a mutant.
 #[derive(Debug, Clone, Serialize)]
 pub struct MutantFound {
     /// Its name.
-    pub mutant: String,
-    /// Seeds that were needed, from 0 on; `None` where none of 200 found it.
-    pub seeds: Option<u64>,
-    /// The check that did not hold.
+    pub name: String,
+    /// Whether a seed found it.
+    pub killed: bool,
+    /// Seeds that were needed, from 0 on; -1 where none of 200 found it.
+    pub seeds_needed: i64,
+    /// The check that did not hold; "" where none found it.
     pub check: String,
 }
 
@@ -199,21 +233,46 @@ fn find_mutants(json: bool) -> Result<(), Failure> {
     let bar = status_line();
     let found = mutants::run(&Library::build()?, |name| bar.set_message(name.to_string()))?;
     bar.finish_and_clear();
-    let mut table = Table::new(2, "mutant | found by | seeds");
-    for of in &found {
-        let seeds = of
-            .seeds
-            .map_or("not found".to_string(), |seeds| seeds.to_string());
-        table.row([of.mutant.clone(), of.check.clone(), seeds]);
+    let printed = Printed::of(&found, &found.violations);
+    print_either(json, &mutants_words(&found), &printed)?;
+    judge_mutants(&found)
+}
+
+/// The seeds that failed by themselves, and the table.
+fn mutants_words(found: &MutantsFound) -> String {
+    let mut text = String::new();
+    for failed in &found.violations {
+        let _ = writeln!(text, "without a mutant: {}", failed.text);
     }
-    print_either(json, &table.to_string(), &found)?;
-    let missed = found.iter().filter(|of| of.seeds.is_none());
-    let missed: Vec<&str> = missed.map(|of| of.mutant.as_str()).collect();
-    if missed.is_empty() {
+    let mut table = Table::new(2, "mutant | found by | seeds");
+    for of in &found.mutants {
+        let seeds = if of.killed {
+            of.seeds_needed.to_string()
+        } else {
+            "not found".to_string()
+        };
+        table.row([of.name.clone(), of.check.clone(), seeds]);
+    }
+    text + &table.to_string()
+}
+
+/// Whether every mutant was found, and no seed failed without one.
+fn judge_mutants(found: &MutantsFound) -> Result<(), Failure> {
+    let missed = found.mutants.iter().filter(|of| !of.killed);
+    let missed: Vec<&str> = missed.map(|of| of.name.as_str()).collect();
+    let own = found.violations.iter().map(|of| of.seed.to_string());
+    let own: Vec<String> = own.collect();
+    let mut failed = Vec::new();
+    if !missed.is_empty() {
+        failed.push(format!("not found: mutants {}", missed.join(", ")));
+    }
+    if !own.is_empty() {
+        failed.push(format!("failed without a mutant: seeds {}", own.join(", ")));
+    }
+    if failed.is_empty() {
         return Ok(());
     }
-    let names = missed.join(", ");
-    Err(Failure::Run(format!("not found: mutants {names}")))
+    Err(Failure::Run(failed.join("; ")))
 }
 
 /// What is left of each seed, as the command line says.
@@ -312,4 +371,88 @@ fn words(found: &Simulated) -> String {
         100.0 * found.contact_share_min,
     );
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::Value;
+
+    fn failed(seed: u64) -> SeedFailed {
+        SeedFailed {
+            seed,
+            violation: Violation {
+                check: "slew limit".to_string(),
+                tick: 3,
+                client: 0,
+                found: "9 N".to_string(),
+            },
+            kinds: vec![Kind::Loss],
+            command: String::new(),
+            text: String::new(),
+        }
+    }
+
+    fn json<T: Serialize>(found: &T, violations: &[SeedFailed]) -> Value {
+        serde_json::to_value(Printed::of(found, violations)).expect("it has a JSON")
+    }
+
+    fn has_null(value: &Value) -> bool {
+        match value {
+            Value::Null => true,
+            Value::Array(of) => of.iter().any(has_null),
+            Value::Object(of) => of.values().any(has_null),
+            _ => false,
+        }
+    }
+
+    #[test]
+    fn the_object_names_the_first_seed_that_failed() {
+        let mut found = Simulated {
+            seeds: 10,
+            ..Simulated::default()
+        };
+        let sound = json(&found, &found.violations);
+        assert_eq!(sound["first_failing_seed"], -1);
+        assert!(sound["seeds"] == 10 && !has_null(&sound), "{sound}");
+        found.violations = vec![failed(7), failed(3)];
+        let bad = json(&found, &found.violations);
+        assert_eq!(bad["first_failing_seed"], 3);
+        assert_eq!(bad["violations"][0]["violation"]["check"], "slew limit");
+        assert!(!has_null(&bad), "{bad}");
+    }
+
+    fn mutants(violations: Vec<SeedFailed>, seeds_needed: i64) -> MutantsFound {
+        MutantsFound {
+            seeds: 200,
+            violations,
+            mutants: vec![MutantFound {
+                name: "Slew".to_string(),
+                killed: seeds_needed >= 0,
+                seeds_needed,
+                check: String::new(),
+            }],
+        }
+    }
+
+    #[test]
+    fn mutants_are_one_object_without_null() {
+        let found = mutants(Vec::new(), -1);
+        let json = json(&found, &found.violations);
+        assert!(json.is_object() && !has_null(&json), "{json}");
+        assert!(json["seeds"] == 200 && json["first_failing_seed"] == -1);
+        let of = &json["mutants"][0];
+        assert!(of["name"] == "Slew" && of["killed"] == false && of["seeds_needed"] == -1);
+        assert_eq!(of["check"], "");
+        assert!(mutants_words(&found).contains("not found"));
+    }
+
+    #[test]
+    fn a_mutant_that_lives_and_a_seed_that_fails_by_itself_are_failures() {
+        assert_eq!(judge_mutants(&mutants(Vec::new(), 5)), Ok(()));
+        let lives = judge_mutants(&mutants(Vec::new(), -1));
+        assert!(lives.expect_err("it lives").to_string().contains("Slew"));
+        let own = judge_mutants(&mutants(vec![failed(7)], 5));
+        assert!(own.expect_err("it fails").to_string().contains("seeds 7"));
+    }
 }

@@ -87,9 +87,7 @@ fn summary(found: &Stability) -> String {
     }
     let cases = &found.cases;
     let pass = cases.iter().filter(|case| case.pass).count();
-    let open = cases
-        .iter()
-        .filter(|case| !case.pass && !case.open.is_empty());
+    let open = cases.iter().filter(|case| !case.pass && !case.fails());
     let (all, open) = (cases.len(), open.count());
     let beyond = all - pass - open;
     format!(
@@ -151,14 +149,20 @@ fn cases(body: &mut String, rows: &[Row<'_>], peers: &[String]) {
         *body += &ours(row.verdict);
         *body += &theirs(row, peers.len());
         let name = format!("{:?}", case.mutant);
-        let killed = match row.mutant {
-            None => "",
-            Some(of) if of.killed => "<small class=\"ok\">killed</small>",
-            Some(_) => "<small class=\"bad\">LIVES</small>",
-        };
-        let _ = writeln!(body, "<td>{}{killed}</tr>", escaped(&name));
+        let found = row.mutant.map_or_else(String::new, mutant_verdict);
+        let _ = writeln!(body, "<td>{}{found}</tr>", escaped(&name));
     }
     *body += "</table></div>\n";
+}
+
+/// What is told of a mutant, and why where it is no kill.
+fn mutant_verdict(of: &MutantFound) -> String {
+    let class = if of.killed { "ok" } else { "bad" };
+    let verdict = format!("<small class=\"{class}\">{}</small>", of.word());
+    match of.note.as_str() {
+        "" => verdict,
+        note => format!("{verdict}<small>{}</small>", escaped(note)),
+    }
 }
 
 /// The cells of what was seen, and of the verdict.
@@ -166,7 +170,7 @@ fn ours(verdict: Option<&Verdict>) -> String {
     let Some(of) = verdict else {
         return "<td class=\"n\">not run<td>".to_string();
     };
-    let verdict = match (of.pass, of.open.is_empty()) {
+    let verdict = match (of.pass, of.fails()) {
         (true, _) => "<span class=\"ok\">pass</span>",
         (false, true) => "<span class=\"bad\">beyond</span>",
         (false, false) => "<span class=\"open\">open</span>",
@@ -207,15 +211,21 @@ fn their_cell(peer: &PeerVerdict) -> String {
     format!("<td>{value}{verdict}{note}")
 }
 
-/// Why cases are known to fail, and what could not be run.
+/// Why cases are known to fail, which of them do not, and what could not be run.
 fn open(body: &mut String, found: &Stability) {
     let is_open = |case: &&Verdict| !case.open.is_empty() && !case.pass;
+    let better = found
+        .cases
+        .iter()
+        .filter(|case| case.is_better_than_known());
+    let better = better.map(|case| format!("{} keeps to its limit in this run", case.name));
     let errors = found.cases.iter().filter(|case| !case.error.is_empty());
     let lines: Vec<String> = found
         .cases
         .iter()
         .filter(is_open)
         .map(|case| format!("{}: {}", case.name, case.open))
+        .chain(better)
         .chain(errors.map(|case| format!("{}: {}", case.name, case.error)))
         .collect();
     if lines.is_empty() {
@@ -317,6 +327,8 @@ mod tests {
             name: "Sign".to_string(),
             case,
             killed,
+            judged: true,
+            note: String::new(),
         };
         let page = page(&Stability {
             seed: 1,

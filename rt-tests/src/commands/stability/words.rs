@@ -14,9 +14,10 @@ pub(super) fn peers(found: &Stability) -> String {
         let names: Vec<&str> = names.collect();
         let mut table = Table::new(1, &format!("case | limit | ours | {}", names.join(" | ")));
         for case in asked() {
-            let ours = shown(case.value, (case.pass, case.open));
+            let ours = shown(case.value, case.word());
             let theirs = case.peers.iter();
-            let theirs = theirs.map(|peer| shown(peer.value, (peer.pass, "")));
+            let theirs =
+                theirs.map(|peer| shown(peer.value, if peer.pass { "pass" } else { "FAIL" }));
             let cells = [case.name.to_string(), number(case.limit), ours];
             table.row(cells.into_iter().chain(theirs));
         }
@@ -46,11 +47,6 @@ pub(super) fn peers(found: &Stability) -> String {
     text
 }
 
-fn shown(value: f64, (pass, open): (bool, &str)) -> String {
-    let verdict = match (pass, open.is_empty()) {
-        (true, _) => "pass",
-        (false, true) => "FAIL",
-        (false, false) => "open",
-    };
+fn shown(value: f64, verdict: &str) -> String {
     format!("{} {verdict}", number(value))
 }

@@ -9,6 +9,7 @@ use crate::trajectory::virtual_scene::{make_ready_led, virtual_scene};
 use hrtc::result::GovernorResult;
 use hrtc::run::FIXED_BYTES;
 use hrtc_core::governor::{CostGroup, WorkCosts};
+use hrtc_core::record::max_or_nan;
 use scene::{Overrides, ScenePlan, load};
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
@@ -43,6 +44,26 @@ pub struct Cost {
     pub coarser: f64,
     /// Largest certified error at a contact, metres.
     pub certified_m: f64,
+}
+
+impl Cost {
+    /// Takes in errors at a contact, metres. One that is no number stays: it is no small error.
+    fn add_errors(&mut self, measured_m: f64, certified_m: f64) {
+        self.error_m = max_or_nan(self.error_m, measured_m);
+        self.certified_m = max_or_nan(self.certified_m, certified_m);
+    }
+
+    /// # Errors
+    /// When an error at a contact was not finite: no limit is kept by it.
+    fn check_finite(&self) -> Result<(), Failure> {
+        if self.error_m.is_finite() && self.certified_m.is_finite() {
+            return Ok(());
+        }
+        Err(Failure::Run(format!(
+            "an error at a contact is not finite: {} m measured, {} m certified",
+            self.error_m, self.certified_m
+        )))
+    }
 }
 
 /// How a touch in virtual time is done.
@@ -141,10 +162,9 @@ impl Bench<'_> {
         let (mut touching, mut coarser) = (0u64, 0u64);
         for _ in 0..(self.seconds * plan.loop_.rate_hz) as u64 {
             let record = simulation.step_led().record;
-            cost.error_m = cost.error_m.max(record.measured_error_m);
+            cost.add_errors(record.measured_error_m, record.certified_error_m);
             if record.contact {
                 touching += 1;
-                cost.certified_m = cost.certified_m.max(record.certified_error_m);
                 coarser += u64::from(!record.contact_asked);
             }
         }
@@ -156,6 +176,7 @@ impl Bench<'_> {
                 .map(|fault| fault.to_string());
             return Err(failed(fault.as_deref().unwrap_or(NOTHING_TOUCHED)));
         }
+        cost.check_finite()?;
         let high_water = simulation.controller().cache().bytes_high_water();
         let record = simulation.outputs().record;
         cost.bytes = record.bytes_received as f64;
@@ -202,8 +223,7 @@ impl Bench<'_> {
             times.push(result.work_us.p99);
             seen = machine(&result.governor);
             cost.bytes = cost.bytes.max(result.bytes_received as f64);
-            cost.error_m = cost.error_m.max(result.measured_error_m.max);
-            cost.certified_m = cost.certified_m.max(result.certified_error_m.max);
+            cost.add_errors(result.measured_error_m.max, result.certified_error_m.max);
             let coarser = result.coarser_ticks as f64 / result.contact_ticks as f64;
             cost.coarser = cost.coarser.max(coarser);
             let memory = (result.cache.high_water_bytes as usize + FIXED_BYTES) as f64;
@@ -220,3 +240,27 @@ impl Bench<'_> {
 
 const NOTHING_TOUCHED: &str = "nothing is touched, so nothing can be tuned; give a scene whose probe has a \
     trajectory, or more with --seconds";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_that_is_no_number_stays_and_is_a_failure() {
+        let of = |errors: &[[f64; 2]]| {
+            let mut cost = Cost::default();
+            for &[measured_m, certified_m] in errors {
+                cost.add_errors(measured_m, certified_m);
+            }
+            cost
+        };
+        // Negative: none was measured in that tick.
+        let sound = of(&[[-1.0, 2e-3], [1e-4, 1e-3], [-1.0, 0.0]]);
+        assert_eq!((sound.error_m, sound.certified_m), (1e-4, 2e-3));
+        assert_eq!(sound.check_finite(), Ok(()));
+        let no_error = of(&[[1e-4, 1e-3], [f64::NAN, 1e-3], [1e-4, 1e-3]]);
+        assert!(no_error.error_m.is_nan() && no_error.check_finite().is_err());
+        let no_bound = of(&[[1e-4, f64::NAN], [1e-4, 1e-3]]);
+        assert!(no_bound.certified_m.is_nan() && no_bound.check_finite().is_err());
+    }
+}

@@ -6,8 +6,9 @@
 //! controller and the scene's own device at that period and with that delay. Each stiffness is
 //! touched for seconds without a break by a hand that takes no energy; the stiffest wall that then
 //! has put out no more than the device damps is the limit. In theory that is `b / (T/2 + n T)`, for
-//! damping b, period T and n ticks of delay (Colgate 1994, Gil 2009). The energy account is off for
-//! that; how far it reaches beyond is simulated too.
+//! damping b, period T and n ticks of delay (Colgate 1994, Gil 2009); a limit of the device that
+//! lies further above than it may is a failure. The energy account is off for that; how far it
+//! reaches beyond is simulated too.
 
 mod long_run;
 mod stamps;
@@ -93,7 +94,7 @@ pub struct Zwidth {
     /// What theory allows at the longest period, N/m.
     pub k_max_longest_period_theory: f64,
     /// The stiffest wall that put no energy out with the energy account, N/m, of those up to
-    /// `MAX_WITH_ACCOUNT` times theory. Simulated.
+    /// `MAX_WITH_ACCOUNT` times theory; 0 where half of theory's limit put some out. Simulated.
     pub k_max_with_account: f64,
     /// The same against turning, N m/rad. Simulated.
     pub k_max_torsion_with_account: f64,
@@ -118,10 +119,55 @@ pub struct Limit {
     pub k_max_uncertainty: f64,
 }
 
+impl Zwidth {
+    /// Names of the device's limits that lie further above theory than they may.
+    fn beyond(&self) -> Vec<&'static str> {
+        let limits = [
+            (
+                "k_max_measured",
+                [
+                    self.k_max_measured,
+                    self.k_max_theory,
+                    self.k_max_uncertainty,
+                ],
+            ),
+            (
+                "k_max_torsion_measured",
+                [
+                    self.k_max_torsion_measured,
+                    self.k_max_torsion_theory,
+                    self.k_max_torsion_uncertainty,
+                ],
+            ),
+        ];
+        let beyond = limits.into_iter().filter(|(_, of)| is_beyond(*of));
+        beyond.map(|(name, _)| name).collect()
+    }
+
+    /// Whether no limit lies further above theory than it may.
+    fn judge(&self) -> Result<(), Failure> {
+        let beyond = self.beyond();
+        if beyond.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Run(format!(
+            "further above theory than its uncertainty: {}",
+            beyond.join(", ")
+        )))
+    }
+}
+
+/// Whether a simulated limit lies above theory by more than its uncertainty. What is no number
+/// does.
+fn is_beyond([simulated, theory, uncertainty]: [f64; 3]) -> bool {
+    let is_within = simulated <= theory + uncertainty;
+    !is_within
+}
+
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence, with its status.
+/// One sentence, with its status; status 1 when a limit lies further above theory than it may.
 pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
@@ -145,7 +191,8 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     let picture = args.out.join("zwidth.svg");
     write_whole(&picture, words::draw(&found).as_bytes())?;
     let words = format!("{}picture: {}\n", words::words(&found), picture.display());
-    print_either(args.json, &words, &found)
+    print_either(args.json, &words, &found)?;
+    found.judge()
 }
 
 /// Runs the scene with stamps.
@@ -318,9 +365,21 @@ fn stiffest(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
 
 /// The same with the account, by doubling.
 fn stiffest_with_account(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
-    let mut stiffness = 0.5 * loaded.theory();
-    let most = MAX_WITH_ACCOUNT * loaded.theory();
     let is_passive = |stiffness: f64| holds(loaded, [stiffness / a_unit, stiffness], true);
+    stiffest_by_doubling(loaded.theory(), is_passive)
+}
+
+/// The stiffest passive wall of half of theory's limit and its doubles; 0 where not even the first
+/// is passive.
+fn stiffest_by_doubling(
+    theory: f64,
+    is_passive: impl Fn(f64) -> Result<bool, Failure>,
+) -> Result<f64, Failure> {
+    let mut stiffness = 0.5 * theory;
+    if stiffness <= 0.0 || !is_passive(stiffness)? {
+        return Ok(0.0);
+    }
+    let most = MAX_WITH_ACCOUNT * theory;
     while stiffness < most && is_passive(2.0 * stiffness)? {
         stiffness *= 2.0;
     }
@@ -339,6 +398,28 @@ mod tests {
             work_s,
             work_p99_s: work_s,
             stamps: 1,
+        }
+    }
+
+    #[test]
+    fn the_first_wall_with_the_account_is_tried_too() {
+        let up_to = |most: f64| stiffest_by_doubling(100.0, |stiffness| Ok(stiffness <= most));
+        assert_eq!(up_to(10.0), Ok(0.0));
+        assert_eq!(up_to(50.0), Ok(50.0));
+        assert_eq!(up_to(500.0), Ok(400.0));
+        // A device without damping has no limit in theory, and no wall is tried.
+        let untried = stiffest_by_doubling(0.0, |_| Err(Failure::Run("tried".to_string())));
+        assert_eq!(untried, Ok(0.0));
+    }
+
+    #[test]
+    fn a_limit_above_theory_and_its_uncertainty_is_beyond() {
+        assert!(!is_beyond([990.0, 1000.0, 5.0]) && !is_beyond([1005.0, 1000.0, 5.0]));
+        assert!(is_beyond([1006.0, 1000.0, 5.0]));
+        for k in 0..3 {
+            let mut of = [990.0, 1000.0, 5.0];
+            of[k] = f64::NAN;
+            assert!(is_beyond(of), "{of:?}");
         }
     }
 
@@ -364,11 +445,18 @@ mod tests {
                 assert!(measured >= 0.99 * theory, "{found:?}");
                 assert!(uncertainty < 0.05 * theory, "{found:?}");
             }
+            assert_eq!(found.judge(), Ok(()));
             // The account takes a force to act at once.
             assert!(
                 of.work_s > 0.0 || found.k_max_with_account > 4.0 * found.k_max_theory,
                 "{found:?}"
             );
+            let above = Zwidth {
+                k_max_torsion_measured: 2.0 * found.k_max_torsion_theory,
+                ..found
+            };
+            assert_eq!(above.beyond(), ["k_max_torsion_measured"]);
+            assert!(above.judge().is_err());
         }
     }
 }

@@ -1,6 +1,6 @@
 //! What `zwidth` found, in words and as a picture.
 
-use super::{Limit, MAX_WITH_ACCOUNT, Zwidth};
+use super::{Limit, MAX_WITH_ACCOUNT, Zwidth, is_beyond};
 use crate::report::chart::{
     Axis, COLORS, Chart, Curve, GREY, Ground, Names, Stroke, Unit, grid, xs, ys,
 };
@@ -61,6 +61,18 @@ pub fn words(found: &Zwidth) -> String {
         ]);
     }
     let _ = write!(text, "\n{table}");
+    for limit in &found.curve {
+        let [simulated, theory] = [limit.k_max_measured, limit.k_max_theory];
+        if is_beyond([simulated, theory, limit.k_max_uncertainty]) {
+            let _ = writeln!(
+                text,
+                "at {} N s/m the runs lie {:.1} N/m above theory, stated are {:.1}: with little damping the device bounces",
+                limit.damping,
+                simulated - theory,
+                limit.k_max_uncertainty
+            );
+        }
+    }
     text
 }
 
