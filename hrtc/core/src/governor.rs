@@ -38,13 +38,14 @@
 //!
 //! `q = (m + s b) / (p + b)`, `s = max(the middle of the last three q, s exp(-period / fades))`.
 //!
+//! Of three, since one tick alone may have been interrupted. It cannot hunt: where the costs are
+//! wrong by a factor r, q lies between s and r, whatever p is. So s rises towards r and never
+//! beyond; above r it falls by the fading or faster. Where r itself varies between r1 and r2 from
+//! tick to tick, s comes into that range and stays there, and the time of a tick by the costs
+//! between the share of the period over r2 and over r1.
+//!
 //! The time of the devices' drivers is in neither: no cost tells it, and it does not grow with
-//! what a tick has to do. What they took of late comes off the time that a tick has. Of three,
-//! since one tick alone may have been interrupted. It cannot hunt: where the costs are wrong by a
-//! factor r, q lies between s and r, whatever p is. So s rises towards r and never beyond; above r
-//! it falls by the fading or faster. Where r itself varies between r1 and r2 from tick to tick, s
-//! comes into that range and stays there, and the time of a tick by the costs between the share of
-//! the period over r2 and over r1.
+//! what a tick has to do. What they took of late comes off the time that a tick has.
 //!
 //! What no costs tell remains: an interrupt, a cold cache. On a slow machine they take more of a
 //! period. A tick that is *late*, without the machine being slower by the law above, takes a part
