@@ -138,7 +138,7 @@ impl ActiveSet {
         }
         let after = self.horizons.refused;
         let is_known = |model| self.store.model(model).is_some();
-        if self.faults.try_again(tick, after, is_known) {
+        if station != 0 && self.faults.try_again(tick, after, is_known) {
             for object in &mut self.objects {
                 object.try_place_again(tick);
             }
@@ -170,10 +170,10 @@ impl ActiveSet {
         self.faults.of(instance.model)
     }
 
-    /// Whether an object's model is not known and cannot be.
+    /// Whether an object's model is not known and is not to be asked for.
     fn is_lost_object(&self, object: u32) -> bool {
         let model = self.instances[object as usize].model;
-        self.faults.of(model).is_some() && self.store.model(model).is_none()
+        self.faults.is_closed(model) && self.store.model(model).is_none()
     }
 
     /// Takes the faults of the sessions over.
@@ -485,7 +485,7 @@ impl ActiveSet {
 
     /// An object whose model is neither known nor requested.
     fn next_to_fetch(&mut self) -> Option<u32> {
-        if self.is_complete() {
+        if self.is_complete() && !self.faults.is_asking() {
             return None;
         }
         let (instances, store) = (&self.instances, &self.store);

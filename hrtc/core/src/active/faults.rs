@@ -6,10 +6,12 @@ use crate::streaming::Fault;
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub(super) struct ModelFaults {
     of_model: Vec<Option<Fault>>,
-    /// Models that are not known and cannot be, for a fault.
+    /// Models that are not known, for a fault.
     lost: usize,
-    /// Tick in which the station was first noted to have no place.
+    /// Where the station had no place for a model: the tick of its last refusal.
     turned_away: Option<u64>,
+    /// Whether it is being asked again.
+    is_asking: bool,
 }
 
 impl ModelFaults {
@@ -18,6 +20,7 @@ impl ModelFaults {
             of_model: vec![None; models],
             lost: 0,
             turned_away: None,
+            is_asking: false,
         }
     }
 
@@ -34,9 +37,22 @@ impl ModelFaults {
         self.of_model.iter().any(Option::is_some)
     }
 
-    /// Models that are not known and cannot be.
+    /// Models that are not known, for a fault: nothing waits for them.
     pub fn lost(&self) -> usize {
         self.lost
+    }
+
+    /// Whether a model is not to be asked for.
+    pub fn is_closed(&self, model: usize) -> bool {
+        match self.of_model[model] {
+            Some(Fault::NoPlace) => !self.is_asking,
+            other => other.is_some(),
+        }
+    }
+
+    /// Whether the station is asked again for what it had no place for.
+    pub fn is_asking(&self) -> bool {
+        self.is_asking
     }
 
     /// Another station: it may serve what the last one could not.
@@ -44,6 +60,7 @@ impl ModelFaults {
         self.of_model.fill(None);
         self.lost = 0;
         self.turned_away = None;
+        self.is_asking = false;
     }
 
     /// Takes the faults of sessions over. `is_known`: which models are.
@@ -55,24 +72,36 @@ impl ModelFaults {
     ) {
         for (model, fault) in ended {
             self.of_model[model] = fault;
+            if fault == Some(Fault::NoPlace) {
+                let is_refused_again = std::mem::take(&mut self.is_asking);
+                let since = self.turned_away.filter(|_| !is_refused_again);
+                self.turned_away = Some(since.unwrap_or(tick));
+            }
         }
-        let is_turned_away = self.of_model.contains(&Some(Fault::NoPlace));
-        self.turned_away = is_turned_away.then(|| self.turned_away.unwrap_or(tick));
         self.count(is_known);
     }
 
     /// Whether what the station had no place for is to be asked for again, so many ticks after it
-    /// was noted: another controller may have ended. Those models have no fault then.
+    /// was refused: another controller may have ended. Until a model comes it counts as lost, so
+    /// that the forces of the others go on.
     pub fn try_again(&mut self, tick: u64, after: u64, is_known: impl Fn(usize) -> bool) -> bool {
-        if self.turned_away.is_none_or(|since| tick < since + after) {
+        let Some(since) = self.turned_away else {
+            return false;
+        };
+        if !self.is_asking && tick < since + after {
             return false;
         }
-        self.turned_away = None;
-        for fault in &mut self.of_model {
-            *fault = fault.filter(|&of| of != Fault::NoPlace);
+        let begins = !self.is_asking;
+        self.is_asking = true;
+        // What is here or has come is a matter of its session.
+        for (model, fault) in self.of_model.iter_mut().enumerate() {
+            *fault = fault.filter(|&of| of != Fault::NoPlace || !is_known(model));
         }
         self.count(is_known);
-        true
+        if !self.of_model.contains(&Some(Fault::NoPlace)) {
+            (self.turned_away, self.is_asking) = (None, false);
+        }
+        begins
     }
 
     fn count(&mut self, is_known: impl Fn(usize) -> bool) {

@@ -152,8 +152,22 @@ fn what_the_station_had_no_place_for_is_asked_for_again() {
         }
     });
     expect_all_but_the_bad_one(&mut world, Fault::NoPlace);
+    // Meanwhile another one is touched, without a break, with the station and without it.
+    for silent in [false, true] {
+        world.mute_station(silent);
+        for k in 0..5000 {
+            let down = (f64::from(k) / 300.0).min(1.0);
+            world.step_at(above(0, 0.02 - 0.021 * down));
+            let force = world.force().length();
+            assert!(k < 600 || force > 0.5, "{silent} {k}: {force} N");
+        }
+        for k in (0..300).rev() {
+            world.step_at(above(0, 0.02 - 0.021 * f64::from(k) / 300.0));
+        }
+    }
+    world.mute_station(false);
     world.client_mut().link().stop_tampering();
-    for _ in 0..2500 {
+    for _ in 0..4500 {
         world.step_at(above(BAD, 0.02));
     }
     assert_eq!(world.controller().faults().count(), 0);

@@ -178,7 +178,8 @@ impl Shading {
     }
 
     /// The smooth direction within the limits of a tick and of a tool. At a sharp edge the force
-    /// keeps its own direction; where there was no time to look, that of the last tick.
+    /// keeps its own direction; where there was no time to look, it turns there from that of the
+    /// last tick.
     fn limited(
         &self,
         at: &ContactSample<'_>,
@@ -194,8 +195,8 @@ impl Shading {
                 turned_to(last, smooth, moved * self.plan.max_turn)
             }
             (None, Smooth::Towards(smooth)) => smooth,
-            (last, Smooth::Unknown) => last.unwrap_or(normal),
-            (_, Smooth::Sharp) => normal,
+            (Some(last), Smooth::Unknown) => turned_to(last, normal, moved * self.plan.max_turn),
+            (None, Smooth::Unknown) | (_, Smooth::Sharp) => normal,
         };
         match at.middle {
             Some(_) => shaded,
@@ -272,10 +273,11 @@ mod tests {
         let normal = DVec3::new(0.1, 0.0, 1.0).normalize();
         let point = DVec3::new(2e-4, 0.0, -2e-5);
         let mut bench = Bench::new(0.0);
-        let mut felt = |shading: &mut Shading, contacts: &mut ContactSet, max_work: u32| {
+        let mut felt = |shading: &mut Shading, contacts: &mut ContactSet, max_work, velocity| {
             bench.step();
             let sample = ContactSample {
                 max_work,
+                velocity,
                 surface: Surface {
                     mesh: &mesh,
                     tree: &tree,
@@ -295,12 +297,24 @@ mod tests {
             out.passive.force
         };
         let (mut shading, mut contacts) = (Shading::new(plan), ContactSet::default());
-        let first = felt(&mut shading, &mut contacts, 1000);
+        let first = felt(&mut shading, &mut contacts, 1000, DVec3::ZERO);
         let turned = first.angle_between(normal);
         assert!(turned > 0.02, "the ridge turns it: {turned}");
         for max_work in (0..12).chain([1000]) {
-            let then = felt(&mut shading, &mut contacts, max_work);
+            let then = felt(&mut shading, &mut contacts, max_work, DVec3::ZERO);
             assert!(first.distance(then) < 1e-12, "{max_work}: {first} {then}");
         }
+        // One that moves on has the force's own direction by and by.
+        let mut angle = turned;
+        for tick in 0..100 {
+            let now = felt(&mut shading, &mut contacts, 1, DVec3::X * 0.02);
+            let next = now.angle_between(normal);
+            assert!(
+                next <= angle + 1e-12 && angle - next < 0.01,
+                "{tick}: {angle} {next}"
+            );
+            angle = next;
+        }
+        assert!(angle < 1e-6, "{angle}");
     }
 }
