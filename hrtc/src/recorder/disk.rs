@@ -71,7 +71,7 @@ struct News {
     queued: AtomicUsize,
     /// Whether the present file takes no more bytes.
     failed: AtomicBool,
-    /// The first tick that it does not hold, or [`NOTHING`].
+    /// The first tick whose bytes are in no file, or [`NOTHING`].
     lost_from: AtomicU64,
     /// Why.
     reason: Mutex<String>,
@@ -147,15 +147,26 @@ impl Disk {
     /// Why the present file takes no more bytes.
     pub(super) fn failure(&self) -> Option<String> {
         let failed = self.news.failed.load(Ordering::Acquire);
-        let reason = || self.news.reason.lock().map(|of| of.clone());
-        failed.then(|| reason().unwrap_or_default())
+        failed.then(|| self.reason())
     }
 
-    /// The first tick that was handed over and is on no file, where the present one takes no more:
-    /// what waited behind it is lost with it.
-    pub(super) fn lost_from(&self) -> Option<u64> {
-        let tick = self.news.lost_from.load(Ordering::Acquire);
+    /// Whether bytes that were handed over are in no file.
+    pub(super) fn has_lost(&self) -> bool {
+        self.news.lost_from.load(Ordering::Acquire) != NOTHING
+    }
+
+    /// The first tick of such bytes since this was asked: what waited behind them is lost, too.
+    pub(super) fn take_lost(&self) -> Option<u64> {
+        let tick = self.news.lost_from.swap(NOTHING, Ordering::AcqRel);
         (tick != NOTHING).then_some(tick)
+    }
+
+    /// Why the disk took no bytes the last time.
+    pub(super) fn reason(&self) -> String {
+        self.news
+            .reason
+            .lock()
+            .map_or_else(|_| String::new(), |of| of.clone())
     }
 
     /// Waits for the last byte; the files that are kept, oldest first. A disk that hangs is left
@@ -201,9 +212,7 @@ impl Files {
             Job::Bytes(bytes, tick) => (self.write(bytes), tick),
         };
         if let Err(error) = done {
-            let lost = &self.news.lost_from;
-            lost.fetch_min(*tick, Ordering::AcqRel);
-            self.fail(&error);
+            self.fail(&error, *tick);
         }
         if let Job::Bytes(bytes, _) = job {
             self.news.queued.fetch_sub(bytes.len(), Ordering::AcqRel);
@@ -224,7 +233,6 @@ impl Files {
         let _ = file.try_lock_shared();
         self.own.push_back((path, 0));
         self.file = Some(file);
-        self.news.lost_from.store(NOTHING, Ordering::Release);
         self.news.failed.store(false, Ordering::Release);
         Ok(())
     }
@@ -238,8 +246,8 @@ impl Files {
         Ok(())
     }
 
-    /// No more bytes into this file; one without any is removed.
-    fn fail(&mut self, error: &io::Error) {
+    /// No more bytes into this file, from a tick on; one without any is removed.
+    fn fail(&mut self, error: &io::Error, tick: u64) {
         let was_open = self.file.take().is_some();
         if let Some((path, 0)) = self.own.back()
             && was_open
@@ -250,6 +258,7 @@ impl Files {
         if let Ok(mut reason) = self.news.reason.lock() {
             *reason = error.to_string();
         }
+        self.news.lost_from.fetch_min(tick, Ordering::AcqRel);
         self.news.failed.store(true, Ordering::Release);
     }
 
@@ -358,13 +367,15 @@ mod tests {
             owns_folder: false,
         });
         let disk = disk.unwrap();
-        assert_eq!(disk.lost_from(), None);
+        assert!(!disk.has_lost());
         for tick in [0, 100, 200, 300] {
             assert!(disk.write(vec![0; frame], tick));
         }
         reader.join().unwrap();
         disk.wait(Duration::from_secs(10));
         assert!(disk.failure().is_some());
-        assert_eq!(disk.lost_from(), Some(100));
+        assert!(disk.has_lost());
+        assert_eq!(disk.take_lost(), Some(100));
+        assert_eq!(disk.take_lost(), None);
     }
 }

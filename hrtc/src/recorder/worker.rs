@@ -83,6 +83,8 @@ pub(super) struct Worker {
     next_chunk: u64,
     /// Ticks that are lost and not yet marked so.
     hole: Option<Hole>,
+    /// Those that the present file is to mark, until the disk has its beginning.
+    told: Option<Hole>,
     retry_ns: u64,
     /// Time of the last frame's end, ns.
     flushed_ns: u64,
@@ -128,6 +130,7 @@ impl Worker {
             next_tick: 0,
             next_chunk: 0,
             hole: None,
+            told: None,
             retry_ns: 0,
             flushed_ns: 0,
             has_warned: false,
@@ -338,6 +341,14 @@ impl Worker {
             return;
         }
         self.flushed_ns = now_ns;
+        if self.disk.has_lost() {
+            // Also of a file before the present one.
+            let reason = self.disk.reason();
+            return self.stop(reason);
+        }
+        if self.written > 0 && self.disk.is_idle() {
+            self.told = None;
+        }
         let bytes = match encoder.flush() {
             Ok(bytes) => bytes,
             Err(error) => return self.stop(error.to_string()),
@@ -358,8 +369,9 @@ impl Worker {
             note!("ticks are not recorded for now, the run goes on: {reason}");
         }
         // What waited behind a failure is lost with it.
-        let lost = self.disk.lost_from().unwrap_or(self.pending_tick);
-        let first = lost.min(self.pending_tick);
+        let lost = self.disk.take_lost().unwrap_or(self.pending_tick);
+        let told = self.told.take().map_or(lost, |of| of.first);
+        let first = lost.min(told).min(self.pending_tick);
         self.hole = Some(Hole {
             first,
             last: self.next_tick.saturating_sub(1).max(first),
@@ -409,6 +421,7 @@ impl Worker {
         let mut encoder = Encoder::new(&self.head, &self.files, self.probes, now_ns)?;
         if let Some(hole) = self.hole.take() {
             encoder.hole(&hole)?;
+            self.told = Some(hole);
         }
         if let Some(twin) = &self.twin {
             self.keyframe(&mut encoder, twin.to_bytes()?)?;

@@ -163,3 +163,32 @@ fn a_tick_that_found_no_room_is_marked_and_those_before_it_replay() {
     let hole = &found[0].holes[0];
     assert_eq!((hole.first, hole.last), (lost, lost));
 }
+
+/// A disk that stays full over the beginning of another file: the hole is that of all of it.
+#[test]
+fn what_is_lost_is_marked_from_its_first_tick_on_however_often_a_file_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["run.mcap", "run-0001.mcap"] {
+        std::os::unix::fs::symlink("/dev/full", folder.path().join(name)).unwrap();
+    }
+    let (head, files) = head(folder.path());
+    let run = ticks(&head, &files, 700);
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
+    for part in run.chunks(100) {
+        take(&mut worker, &mut queue, part);
+        // Time passes: a frame ends, the disk has it, and a retry is due.
+        worker.flushed_ns = 0;
+        worker.flush();
+        worker.disk.wait(Duration::from_secs(10));
+        worker.retry_ns = 0;
+        worker.take();
+    }
+    assert!(worker.told.is_none(), "the third file has its beginning");
+    let (files, found) = finish(worker);
+    assert_eq!(files, [folder.path().join("run-0002.mcap")]);
+    let first = &found[0];
+    assert!(first.equal && !first.whole && first.ticks > 0, "{first:?}");
+    let hole = &first.holes[0];
+    assert_eq!(hole.first, 0);
+    assert_eq!(hole.last as i64 + 1, first.first_tick, "{first:?}");
+}
