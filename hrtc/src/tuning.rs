@@ -53,9 +53,9 @@ pub const COMMAND_VALIDITY_NS: u64 = (COMMAND_VALIDITY_S * 1e9) as u64;
 /// ends before the watchdog would, also after a stall of the same length. 8 N fall by 0.8 N a
 /// millisecond, below the 2 N that the default slew limit of 2000 N/s allows.
 pub const PANIC_RAMP_S: f64 = COMMAND_VALIDITY_S / 3.0;
-/// Share of a period up to which the drivers' time is part of what every tick takes anyway: there
-/// it is not measured, so that the fast ones, and the simulated device, cost nothing for it.
-pub const FAST_DRIVERS: f64 = 0.01;
+/// Time of a tick up to which that of the drivers is part of what every tick takes anyway,
+/// nanoseconds: twice that of four simulated devices. It is not measured, so they cost nothing.
+pub const FAST_DRIVERS_NS: u64 = 10_000;
 /// Time for which it is measured after a tick in which it was more, seconds: some periods of a
 /// device of 100 Hz.
 pub const SLOW_DRIVERS_S: f64 = 0.1;

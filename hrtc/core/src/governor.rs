@@ -61,8 +61,8 @@ pub use crate::costs::{CostGroup, QueryWork, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, LATE, LATE_CUT, MAX_CUT, MIN_BALL_UNITS,
-    MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, DRIVERS_FADE_S, LATE, LATE_CUT, MAX_CUT,
+    MIN_BALL_UNITS, MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES,
     OPERATIONS_RETURN_S, RECEIVED_SHARE, SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S,
     SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, UPKEEP_SHARE, USUAL_BALL_UNITS,
     USUAL_TOOL_UNITS,
@@ -180,10 +180,6 @@ impl TickTime {
     }
 }
 
-fn middle([a, b, c]: [f64; 3]) -> f64 {
-    a.max(b).min(a.min(b).max(c))
-}
-
 /// What probes ask of a tick on a machine, before it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickNeed {
@@ -257,9 +253,10 @@ pub struct Governor {
     slowness: f64,
     /// The newest three.
     ratios: [f64; 3],
-    /// What the devices' drivers took in the newest three ticks, and of late, nanoseconds.
-    device_times: [f64; 3],
-    device_ns: f64,
+    /// The most that the devices' drivers took in a tick of late, the second most, and what they
+    /// took in the last one, nanoseconds.
+    device_times: [f64; 2],
+    last_device_ns: f64,
     /// What the contacts took of late, nanoseconds by the costs.
     contact_ns: f64,
     /// Ticks of late in which a contact had less time than it needs.
@@ -285,8 +282,8 @@ impl Governor {
             share: TIME_SHARE,
             slowness: 1.0,
             ratios: [1.0; 3],
-            device_times: [0.0; 3],
-            device_ns: 0.0,
+            device_times: [0.0; 2],
+            last_device_ns: 0.0,
             contact_ns: 0.0,
             cut: 0.0,
             cut_ns: 0.0,
@@ -337,16 +334,25 @@ impl Governor {
     /// The devices' drivers took so much of the last tick, nanoseconds: before
     /// [`Self::note_work`].
     pub fn note_devices(&mut self, ns: f64) {
-        self.device_times.rotate_left(1);
-        self.device_times[2] = ns;
-        let faded = self.device_ns * (-self.period_s / SLOWNESS_FADES_S).exp();
-        self.device_ns = middle(self.device_times).max(faded);
+        self.last_device_ns = ns;
+        let left = (-self.period_s / DRIVERS_FADE_S).exp();
+        let [most, second] = self.device_times.map(|of| left * of);
+        self.device_times = if ns > most {
+            [ns, most]
+        } else {
+            [most, second.max(ns)]
+        };
+    }
+
+    /// Time of a tick that is the drivers', nanoseconds: the second most of late, since one tick
+    /// alone may have been interrupted, and a slow device may answer to a few ticks only.
+    fn device_ns(&self) -> f64 {
+        self.device_times[1].min(self.share_ns())
     }
 
     /// The last tick took so much processor time beside them, nanoseconds.
     pub fn note_work(&mut self, ns: f64) {
-        let left = (self.share_ns() - self.device_ns).max(0.0);
-        let believed = SHORT_SHARE * left / self.slowness;
+        let believed = SHORT_SHARE * self.share_ns() / self.slowness;
         let known = ns + self.slowness * believed;
         let ratio = known / (self.time.spent.total() + believed);
         if !ratio.is_finite() {
@@ -354,12 +360,13 @@ impl Governor {
         }
         self.ratios.rotate_left(1);
         self.ratios[2] = ratio;
-        let middle = middle(self.ratios);
+        let [a, b, c] = self.ratios;
+        let middle = a.max(b).min(a.min(b).max(c));
         let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
         let [least, most] = SLOWNESS_RANGE;
         self.slowness = faded.max(middle).clamp(least, most);
         // The second of two such ticks in a row is the middle: a slower machine.
-        let whole = ns + self.device_times[2];
+        let whole = ns + self.last_device_ns;
         let is_late = whole > LATE * self.period_ns() && ratio > middle;
         let back = self.period_s / SHARE_RETURN_S * (TIME_SHARE - self.share);
         let share = if is_late {
@@ -396,7 +403,7 @@ impl Governor {
         let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
         let (fixed, least) = (time.spent.total(), queries + inbox);
         // What every tick does is allowed on any machine.
-        let share = (self.share_ns() - self.device_ns) / self.slowness;
+        let share = (self.share_ns() - self.device_ns()) / self.slowness;
         let search = pairs * f64::from(MIN_SEARCH_UNITS) * costs.search;
         time.allowed = share.max(fixed + inbox + search);
         let rest = time.allowed - fixed;

@@ -44,6 +44,9 @@ pub mod governor {
     /// a tool, three alternations) steps until 0.4 and 0.5 miss no fewer periods.
     pub const LAST_REFINEMENT: f64 = 0.5;
     pub const LAST_STEP: f64 = 0.6;
+    /// Time in which what the devices' drivers took falls to a third: some periods of a device of
+    /// 100 Hz.
+    pub const DRIVERS_FADE_S: f64 = 0.1;
     /// Weight of what is believed of the machine, in shares of what a tick may spend.
     pub const SHORT_SHARE: f64 = 0.25;
     /// Time in which what is believed falls to a third where the machine is fast again.

@@ -1,6 +1,6 @@
 //! The time that the drivers of the devices take of a tick.
 
-use crate::tuning::{FAST_DRIVERS, SLOW_DRIVERS_S};
+use crate::tuning::{FAST_DRIVERS_NS, SLOW_DRIVERS_S};
 use hrtc_core::governor::MeasuredTick;
 use realtime::pacer::Worked;
 use realtime::rights::{monotonic_ns, thread_cpu_ns};
@@ -9,8 +9,6 @@ use realtime::rights::{monotonic_ns, thread_cpu_ns};
 /// takes a third of a microsecond, four times a tick.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Drivers {
-    /// Time of a tick above which they are slow, ns.
-    fast_ns: u64,
     /// Ticks for which they count as slow after one in which they were, and those left.
     slow_ticks: u32,
     left: u32,
@@ -23,7 +21,6 @@ pub(super) struct Drivers {
 impl Drivers {
     pub fn new(rate_hz: f64) -> Self {
         Self {
-            fast_ns: (FAST_DRIVERS * 1e9 / rate_hz) as u64,
             slow_ticks: (SLOW_DRIVERS_S * rate_hz) as u32,
             left: 0,
             wall_ns: 0,
@@ -52,14 +49,15 @@ impl Drivers {
     }
 
     fn are_slow(&self) -> bool {
-        self.wall_ns > self.fast_ns
+        self.wall_ns > FAST_DRIVERS_NS
     }
 
-    /// What the tick took beside them, with the time of handing its record over. The first tick in
-    /// which they are slow counts as if its work were: one tick alone changes nothing.
+    /// What the tick took beside them, with the time of handing its record over. In the first tick
+    /// in which they are slow it is not known how much of it was theirs: it counts as its own.
     pub fn beside(&self, worked: &Worked, record_ns: u32) -> MeasuredTick {
         let work_ns = u64::from(worked.cpu_ns).saturating_sub(self.cpu_ns) + u64::from(record_ns);
-        let device_ns = if self.are_slow() { self.wall_ns } else { 0 };
+        let is_known = self.left > 0 && self.are_slow();
+        let device_ns = if is_known { self.wall_ns } else { 0 };
         let [work_ns, device_ns] =
             [work_ns, device_ns].map(|ns| u32::try_from(ns).unwrap_or(u32::MAX));
         MeasuredTick { work_ns, device_ns }
@@ -102,7 +100,7 @@ mod tests {
         assert!(work >= 2_001_000 && device == 0, "{work} {device}");
         // The first slow tick is part of the work still.
         let [work, device] = tick(&mut drivers, || spin(2_000_000), || spin(1_000_000));
-        assert!(work >= 3_001_000 && device >= 2_000_000, "{work} {device}");
+        assert!(work >= 3_001_000 && device == 0, "{work} {device}");
         let whole = thread_cpu_ns();
         let [work, device] = tick(&mut drivers, || spin(2_000_000), || spin(1_000_000));
         let whole = thread_cpu_ns() - whole;
