@@ -19,10 +19,20 @@ use std::path::{Path, PathBuf};
 /// When there is no recording or a file cannot be used.
 pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(), RecordingError> {
     let failed = |e| RecordingError::File(out.display().to_string(), e);
-    let Some(last) = files.last() else {
+    // Another run may have deleted the oldest.
+    let there = files.iter().rposition(|path| !path.exists());
+    let files = &files[there.map_or(0, |gone| gone + 1)..];
+    let mut last_ns = None;
+    // The last one may have begun only now.
+    for path in files.iter().rev() {
+        last_ns = ticks_ns(path)?.last();
+        if last_ns.is_some() {
+            break;
+        }
+    }
+    let Some(last_ns) = last_ns else {
         return Err(failed(std::io::ErrorKind::NotFound.into()));
     };
-    let last_ns = ticks_ns(last)?.last().unwrap_or_default();
     let from_ns = last_ns.saturating_sub(BLACK_BOX_NS);
     let mut start = files.len() - 1;
     while start > 0 && !(begins_before(&files[start], from_ns)? && stands_alone(&files[start])?) {
@@ -96,8 +106,14 @@ impl Copy {
     fn take(&mut self, entry: Entry, reader: &RecordingReader) -> Result<(), RecordingError> {
         match entry {
             Entry::Keyframe(state) => {
-                if self.twin.is_none() {
-                    self.twin = Some(Twin::from_bytes(&state)?);
+                // That of before a hole knows nothing of what came after it.
+                let twin = Twin::from_bytes(&state)?;
+                let before = self.twin.as_ref().map(|before| before.next_tick);
+                if before.is_none_or(|before| before < twin.next_tick) {
+                    self.twin = Some(twin);
+                    if let Some(encoder) = &mut self.encoder {
+                        encoder.keyframe(state)?;
+                    }
                 }
             }
             Entry::Chunk(index, chunk) => {

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, UNIX_EPOCH};
 
 /// Where a run's recording lies, and how much may.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -229,8 +229,9 @@ impl Files {
             .write(true)
             .truncate(true)
             .open(&path)?;
-        // Another run of hrtc must not delete it; where there are no locks, it may.
-        let _ = file.try_lock_shared();
+        // Another run of hrtc must not delete it; where there are no locks, it may. Who looks
+        // whether it is free holds it for a moment.
+        let _ = file.lock_shared();
         self.own.push_back((path, 0));
         self.file = Some(file);
         self.news.failed.store(false, Ordering::Release);
@@ -268,6 +269,8 @@ impl Files {
         let mut others = VecDeque::new();
         if self.place.owns_folder {
             others = earlier_runs(&self.place.first)?;
+            // Those of this run that are closed are nobody else's.
+            others.retain(|(path, _)| !self.own.iter().any(|(own, _)| own == path));
         }
         let used = |files: &VecDeque<(PathBuf, u64)>| files.iter().map(|of| of.1).sum::<u64>();
         while used(&self.own) + used(&others) > room {
@@ -295,14 +298,22 @@ fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
     let mut found = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
-        let (path, metadata) = (entry.path(), entry.metadata()?);
+        let path = entry.path();
+        // Another run may have deleted it.
+        let Ok(metadata) = entry.metadata() else {
+            continue;
+        };
         let is_recording = path.extension().is_some_and(|of| of == "mcap");
         if !is_recording || !metadata.is_file() {
             continue;
         }
         let is_free = File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
         if is_free {
-            found.push((metadata.modified()?, path, metadata.len()));
+            found.push((
+                metadata.modified().unwrap_or(UNIX_EPOCH),
+                path,
+                metadata.len(),
+            ));
         }
     }
     found.sort();
@@ -377,5 +388,39 @@ mod tests {
         assert!(disk.has_lost());
         assert_eq!(disk.take_lost(), Some(100));
         assert_eq!(disk.take_lost(), None);
+    }
+
+    /// In a folder of hrtc's own the files of earlier runs go first, then the oldest of this one,
+    /// and no more than that.
+    #[test]
+    fn in_its_own_folder_a_run_keeps_as_many_of_its_files_as_it_may() {
+        let folder = tempfile::tempdir().unwrap();
+        let earlier = folder.path().join("earlier.mcap");
+        let keep_bytes = 64 << 10;
+        let place = RecordingPlace {
+            first: folder.path().join("run.mcap"),
+            keep_bytes,
+            owns_folder: true,
+        };
+        let bytes = place.file_bytes();
+        std::fs::write(&earlier, vec![0; bytes as usize]).unwrap();
+        let disk = Disk::start(place.clone()).unwrap();
+        let most = keep_bytes / bytes;
+        for number in 0..8 {
+            assert!(number == 0 || disk.begin(number, 0));
+            assert!(disk.write(vec![0; bytes as usize], 0));
+            disk.wait(Duration::from_secs(10));
+            let is_there = |of: &u32| place.path(*of).exists();
+            let kept: Vec<u32> = (0..=number).filter(is_there).collect();
+            let oldest = (u64::from(number) + 1).saturating_sub(most) as u32;
+            assert_eq!(kept, (oldest..=number).collect::<Vec<_>>(), "file {number}");
+            assert_eq!(
+                earlier.exists(),
+                u64::from(number) + 1 < most,
+                "file {number}"
+            );
+        }
+        let kept = disk.finish().unwrap();
+        assert_eq!(kept, [4, 5, 6, 7].map(|number| place.path(number)));
     }
 }

@@ -192,3 +192,28 @@ fn what_is_lost_is_marked_from_its_first_tick_on_however_often_a_file_begins() {
     assert_eq!(hole.first, 0);
     assert_eq!(hole.last as i64 + 1, first.first_tick, "{first:?}");
 }
+
+/// After a hole the black box goes on from the keyframe of the file that follows.
+#[test]
+fn a_black_box_over_a_hole_replays_to_its_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let (head, files) = head(folder.path());
+    let run = ticks(&head, &files, 700);
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
+    take(&mut worker, &mut queue, &run[..200]);
+    worker.flushed_ns = 0;
+    worker.flush();
+    worker.stop("a test".to_owned());
+    take(&mut worker, &mut queue, &run[200..400]);
+    worker.disk.wait(Duration::from_secs(10));
+    worker.retry_ns = 0;
+    worker.resume();
+    take(&mut worker, &mut queue, &run[400..]);
+    let (kept, found) = finish(worker);
+    assert_eq!(found.len(), 2);
+    let black_box = folder.path().join("fault.mcap");
+    write_black_box(&kept, "a test", &black_box).unwrap();
+    let found = replay(&black_box).unwrap();
+    assert!(found.equal && !found.whole, "{found:?}");
+    assert_eq!((found.ticks, found.holes[0].first), (500, 200), "{found:?}");
+}
