@@ -100,7 +100,12 @@ impl DeviceRegistry {
         };
         let device = constructor(&request)
             .map_err(|error| refuse(format!("the device \"{name}\" cannot be used: {error}")))?;
-        Ok(GuardedDevice::new(device))
+        match device.capabilities().fault() {
+            Some(fault) => Err(refuse(format!(
+                "the device \"{name}\" cannot be used: {fault}"
+            ))),
+            None => Ok(GuardedDevice::new(device)),
+        }
     }
 }
 

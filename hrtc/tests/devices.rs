@@ -1,6 +1,8 @@
 //! Devices of one's own in a run: named in the scene, made by the registry, called by the tick.
 
-use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, WrenchCommand};
+use haptic_device::{
+    Capabilities, DegreesOfFreedom, Device, Pose, Sample, TickTime, WrenchCommand,
+};
 use hrtc::devices::DeviceRegistry;
 use hrtc::run::{RunArgs, run_with};
 use std::path::Path;
@@ -90,6 +92,38 @@ fn a_custom_device_is_read_and_written_once_a_tick_and_switched_off() {
     assert!(get(&calls.safe_offs) >= 1);
 }
 
+/// A device that is never asked for anything but this.
+struct Unfit(Capabilities);
+
+impl Device for Unfit {
+    fn capabilities(&self) -> Capabilities {
+        self.0.clone()
+    }
+
+    fn read(&mut self, _: TickTime) -> Option<Sample> {
+        None
+    }
+
+    fn write(&mut self, _: WrenchCommand) {}
+
+    fn safe_off(&mut self) {}
+}
+
+/// What no device may say of itself, and the word for it.
+const FAULTS: [(&str, fn(&mut Capabilities)); 5] = [
+    ("max_force_n is -1", |of| of.max_force_n = -1.0),
+    ("max_force_n is NaN", |of| of.max_force_n = f64::NAN),
+    ("position_resolution_m", |of| {
+        of.position_resolution_m = f64::NAN
+    }),
+    ("max_torque_nm is 0", |of| {
+        (of.sensed, of.rendered) = (DegreesOfFreedom::Six, DegreesOfFreedom::Six);
+    }),
+    ("senses 3", |of| {
+        (of.rendered, of.max_torque_nm) = (DegreesOfFreedom::Six, 0.1);
+    }),
+];
+
 #[test]
 fn a_device_that_cannot_be_made_is_refused_with_its_line() {
     let folder = tempfile::tempdir().unwrap();
@@ -118,6 +152,18 @@ fn a_device_that_cannot_be_made_is_refused_with_its_line() {
         message.contains("line 5") && message.contains("it is not plugged in"),
         "{message}"
     );
+    for (fault, change) in FAULTS {
+        let unfit = DeviceRegistry::new().with("unfit", move |_| {
+            let mut of = Capabilities::translational("unfit", 5.0);
+            change(&mut of);
+            Ok(Box::new(Unfit(of)))
+        });
+        let message = refusal(&unfit, "{ name = \"unfit\" }");
+        assert!(
+            message.contains("line 5") && message.contains(fault),
+            "{message}"
+        );
+    }
     let message = refusal(&known, "{ port = 1 }");
     assert!(
         message.contains("line 5") && message.contains("name"),

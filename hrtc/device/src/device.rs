@@ -62,6 +62,52 @@ pub struct Capabilities {
 }
 
 impl Capabilities {
+    /// What is wrong with them, in words; `None` where a device may be used with them.
+    #[must_use]
+    pub fn fault(&self) -> Option<String> {
+        let is_six = |of: DegreesOfFreedom| of == DegreesOfFreedom::Six;
+        let MotionLimits {
+            speed_m_per_s,
+            acceleration_m_per_s2,
+            angular_speed_rad_per_s,
+        } = self.motion;
+        // A comparison with what is no number is false.
+        let above_0 = [
+            ("max_force_n", self.max_force_n, true),
+            ("max_torque_nm", self.max_torque_nm, is_six(self.rendered)),
+            ("motion.speed_m_per_s", speed_m_per_s, true),
+            ("motion.acceleration_m_per_s2", acceleration_m_per_s2, true),
+            (
+                "motion.angular_speed_rad_per_s",
+                angular_speed_rad_per_s,
+                is_six(self.sensed),
+            ),
+        ];
+        let not_below_0 = [
+            ("position_resolution_m", self.position_resolution_m),
+            (
+                "orientation_resolution_rad",
+                self.orientation_resolution_rad,
+            ),
+        ];
+        let limit = above_0
+            .into_iter()
+            .find(|&(_, limit, counts)| counts && !(limit > 0.0));
+        let step = not_below_0
+            .into_iter()
+            .find(|&(_, step)| !(step >= 0.0 && step.is_finite()));
+        if let Some((name, limit, _)) = limit {
+            return Some(format!("its {name} is {limit}, and has to be above 0"));
+        }
+        if let Some((name, step)) = step {
+            return Some(format!("its {name} is {step}, and has to be 0 or more"));
+        }
+        (is_six(self.rendered) && !is_six(self.sensed)).then(|| {
+            "it renders 6 degrees of freedom and senses 3: the work of a torque is not known without the turn"
+                .to_owned()
+        })
+    }
+
     /// A device that senses and renders translation only, with exact measurements and the motion of
     /// a hand.
     #[must_use]

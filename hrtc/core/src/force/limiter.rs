@@ -48,7 +48,12 @@ impl Limit {
         if size > most {
             passed *= most / size * (1.0 - f64::EPSILON);
         }
-        (passed, cut)
+        // Whatever the limits are.
+        if passed.is_finite() {
+            (passed, cut)
+        } else {
+            (DVec3::ZERO, true)
+        }
     }
 }
 
