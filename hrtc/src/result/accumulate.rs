@@ -495,6 +495,7 @@ impl Accumulator {
                 ..self.result.cache
             },
             hrtc_rss_bytes: meta.rss_bytes,
+            slow: meta.slow,
             operations_budget: meta.operations_budget,
             query_work_budget: meta.query_work_budget,
             safety: meta.safety,

@@ -57,7 +57,7 @@ pub(super) struct GovernorStats {
     contact_ticks: u64,
     reversals: u64,
     /// The last tolerance in contact, and whether its last change was upwards.
-    last: Option<(f64, bool)>,
+    last: Option<(f64, Option<bool>)>,
 }
 
 impl GovernorStats {
@@ -100,11 +100,11 @@ impl GovernorStats {
         self.tolerance_um.push(1e6 * now);
         self.last = match self.last {
             Some((last, rose)) if now != last => {
-                self.reversals += u64::from(rose != (now > last));
-                Some((now, now > last))
+                // The first change is no reversal of one before.
+                self.reversals += u64::from(rose == Some(now < last));
+                Some((now, Some(now > last)))
             }
-            // The first change is no reversal of one before.
-            None => Some((now, true)),
+            None => Some((now, None)),
             same => same,
         };
     }
@@ -178,6 +178,17 @@ mod tests {
             stats.push(&core, time);
         }
         let result = stats.result(&WorkCosts::REFERENCE, 1_000_000);
+        // A touch that begins coarse and is refined goes one way.
+        let mut once = GovernorStats::new().unwrap();
+        for finest_tolerance_m in [2e-4, 1e-4, 0.0] {
+            let core = CoreRecord {
+                contact: true,
+                finest_tolerance_m,
+                ..CoreRecord::default()
+            };
+            once.push(&core, TimeAnswers::default());
+        }
+        assert_eq!(once.reversals, 0);
         // Down after the first rise, and up again.
         assert!((result.reversals_per_s - 2.0 / 7e-3).abs() < 1e-6);
         assert_eq!(result.over_budget_ticks, 1);

@@ -285,6 +285,8 @@ pub struct RunResult {
     /// Distance from the surface at which a tool's contacts act, metres: it feels thicker by that.
     /// 0 for a ball.
     pub contact_offset_m: f64,
+    /// How many times as long the work of a tick was made to take (`--slow`); 1 for a real run.
+    pub slow: f64,
     /// Contacts of a tool found after the step that they should have stopped.
     pub late_contacts: u64,
     /// Ticks with a tool that the surface has moved into or over and that knows no way out.
@@ -451,6 +453,8 @@ pub struct RunMeta {
     /// Time from the start of both processes to tick 0, milliseconds; from the start of this one
     /// when it runs alone.
     pub start_to_first_tick_ms: f64,
+    /// How many times as long the work of a tick was made to take.
+    pub slow: f64,
     /// Limit of the work units in a tick.
     pub operations_budget: u64,
     /// Limit of the work of the queries in a tick.

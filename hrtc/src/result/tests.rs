@@ -392,6 +392,7 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         "inactive_object_ticks",
         "unfinished_ticks",
         "early_ticks",
+        "slow",
         "energy_j",
         "vsps_received",
         "vsplits",

@@ -292,6 +292,7 @@ impl Monitor<'_> {
             active_objects_max: self.plan.active_objects() as u64,
             rss_bytes: outcome::resident_bytes(),
             start_to_first_tick_ms: first.saturating_sub(self.started_ns) as f64 / 1e6,
+            slow: self.args.slow,
             operations_budget: u64::from(end.work_budget),
             query_work_budget: u64::from(end.query_budget),
             costs: controller.map_or(WorkCosts::REFERENCE, |of| *of.governor().costs()),

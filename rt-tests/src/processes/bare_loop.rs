@@ -147,6 +147,7 @@ fn measure(args: &BareArgs, stop: &AtomicBool) -> Option<Finished> {
         .collect();
     Some(run.finish(RunMeta {
         scene: "bare".to_string(),
+        slow: args.slow,
         rights: missing,
         ..RunMeta::default()
     }))

@@ -198,6 +198,16 @@ impl Processes {
             let late = asked.is_some_and(|asked| asked.elapsed() > ENDING);
             if late || Instant::now() > hanging {
                 let _ = self.controller.wait(Duration::ZERO);
+                while let Ok(event) = self.events.try_recv() {
+                    take(event, &mut finished, show);
+                }
+                if let Some(finished) = finished {
+                    self.notes.push(
+                        "the controller took long to end after its result and was ended by force: its recording may lack its end"
+                            .to_string(),
+                    );
+                    return Ok(finished);
+                }
                 return Err(Failure::Run(
                     "the controller did not end in time and was ended by force; there is no result"
                         .to_string(),

@@ -114,7 +114,7 @@ fn a_cache_too_small_for_the_base_mesh_is_refused_by_name_with_the_size_it_needs
 const FIELDS: &str = "
     faces seconds seed ticks missed missed_own_cpu contact_ticks contact_full_ticks
     contact_unbounded_ticks refined_faces.p50 refined_faces.max force_step_n_max
-    clamped_ticks rejected_samples unfinished_ticks early_ticks late_contacts stuck_ticks energy_j
+    clamped_ticks rejected_samples unfinished_ticks early_ticks slow late_contacts stuck_ticks energy_j
     contact_offset_m
     vsps_received vsplits geomorph_ticks deferred ecols regions_subscribed resubscribed
     bytes_received bytes_to_first_touch bytes_full_mesh cache.bytes cache.high_water_bytes cache.vsps
