@@ -111,6 +111,41 @@ fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
     }
 }
 
+/// A foot over more faces than there is room for is held, and lets go where it is lifted.
+#[test]
+fn pressed_flat_on_more_faces_than_there_is_room_for_it_is_held() {
+    let plate = Front::of_mesh(&plate_mesh(4.0, 300));
+    let mesh = cylinder_mesh(0.3, 1.0, 240);
+    let mut proxy = proxy(&mesh);
+    let low = lowest(&mesh, DQuat::IDENTITY);
+    for [x, y] in [[0.11, 0.07], [-0.3, 0.2]] {
+        // Such a foot takes all the work of a tick, and more.
+        let mut to = |depth: f64| {
+            let pose = Pose {
+                position: DVec3::new(x, y, -low - depth),
+                orientation: DQuat::IDENTITY,
+            };
+            proxy.advance(plate.surface(), &pose, TICK_BUDGET);
+            wrench(&proxy).force
+        };
+        for k in 0..2000 {
+            to(0.55 * f64::from(k) / 2000.0 - 0.5);
+        }
+        for _ in 0..50 {
+            let force = to(0.05);
+            assert!(force.z > 0.9 * STIFFNESS * 0.05, "{force}");
+            assert!(force.truncate().length() < 0.1 * force.z, "{force}");
+        }
+        for k in (0..200).rev() {
+            to(0.55 * f64::from(k) / 200.0 - 0.5);
+        }
+        for _ in 0..20 {
+            to(-0.5);
+        }
+        assert_eq!(to(-0.5), DVec3::ZERO, "it is lifted");
+    }
+}
+
 /// Contacts act at the quantization error of the device's position, within a range that goes by the
 /// tool.
 #[test]

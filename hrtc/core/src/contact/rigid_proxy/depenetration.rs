@@ -102,7 +102,7 @@ impl ToolProxy {
             answer.spent += PAIRS_A_UNIT * (work.nodes + work.faces);
             match hit {
                 Some(_) => return Some(false),
-                None if free < 1.0 => return None,
+                None if free < 1.0 => return answer.run_out(),
                 None => {}
             }
         }

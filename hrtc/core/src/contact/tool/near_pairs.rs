@@ -260,8 +260,9 @@ pub(crate) fn for_each_near_pair(
         if search.min_cost(&entry) > left || limit.is_reached(search.work.cost()) {
             let unvisited = search.count as u32;
             let Resume { leaf, .. } = Resume::at(search.key_of(entry.child));
+            // Not before where it went on: that was examined.
             let next = Resume {
-                leaf,
+                leaf: leaf.max(search.resume.leaf),
                 ..search.resume
             };
             return (Ending::OutOfBudget { unvisited }, search.work, next);
@@ -434,5 +435,50 @@ mod tests {
         assert_eq!(search(amid, u32::MAX).0, FACES - first);
         amid.begin_again(0);
         assert_eq!(search(amid, u32::MAX).0, FACES);
+    }
+
+    /// A search that goes on and is interrupted before it is back where it was visits nothing twice.
+    #[test]
+    fn what_was_visited_before_an_interruption_is_not_visited_again() {
+        const FACES: u32 = 64;
+        let mut mesh = ActiveMesh::new(3, 2, 0);
+        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        for (vertex, corner) in (0u32..).zip(corners) {
+            mesh.set_base_vertex(vertex, corner, Certified::EXACT);
+        }
+        let mut tree = AbTree::new(2);
+        tree.preconstruct(2);
+        for face in 0..2 {
+            mesh.set_base_face(face, [0, 1, 2], [NONE; 3])
+                .expect("the vertices are there");
+            tree.insert(face, leaf_key(face, 2));
+        }
+        tree.refit(|face| mesh.face_box(face));
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let mut tool = Blocks::new((0..FACES).collect());
+        let own = corners.map(|corner| Vec3A::from(corner).as_dvec3() * 0.1);
+        tool.refit(|_| own);
+        let path = RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]);
+        let search = |resume: Resume, budget: u32| {
+            let (mut visited, mut limit) = (0, Limit::from(budget));
+            let (_, _, next) =
+                for_each_near_pair(&surface, &tool, &path, 0.1, resume, &mut limit, |_, _| {
+                    visited += 1;
+                    ControlFlow::Continue(0.1)
+                });
+            (visited, next)
+        };
+        let amid =
+            |budget: &u32| (FACES + 1..2 * FACES).contains(&search(Resume::START, *budget).0);
+        let budget = (1..10_000)
+            .find(amid)
+            .expect("it stops within the second face");
+        let (first, there) = search(Resume::START, budget);
+        let (none, again) = search(there, 1);
+        assert_eq!((none, again), (0, there));
+        assert_eq!(search(again, u32::MAX).0, 2 * FACES - first);
     }
 }
