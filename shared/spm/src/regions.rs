@@ -68,13 +68,27 @@ impl RegionGrid {
     /// 1024.
     #[must_use]
     pub fn new(lower: DVec3, upper: DVec3, divisions: u32) -> Option<Self> {
-        let sides = upper - lower;
+        // A side is rounded, and may not end below the corner: a face there would have no cell.
+        let side = |k: usize| {
+            let side = upper[k] - lower[k];
+            if lower[k] + side < upper[k] {
+                side.next_up()
+            } else {
+                side
+            }
+        };
+        let sides = DVec3::new(side(0), side(1), side(2));
         let cell = sides.max_element() / f64::from(divisions);
         let usable = divisions.is_power_of_two() && divisions <= Self::MAX_DIVISIONS;
         if !usable || !cell.is_normal() || sides.min_element() < 0.0 || !lower.is_finite() {
             return None;
         }
-        let count = |side: f64| ((side / cell).ceil() as u32).clamp(1, divisions);
+        // So is the quotient.
+        let count = |side: f64| {
+            let whole = (side / cell).ceil();
+            let more = if whole * cell < side { 1.0 } else { 0.0 };
+            ((whole + more) as u32).clamp(1, divisions)
+        };
         Some(Self {
             lower: lower.to_array(),
             cell,
@@ -190,15 +204,59 @@ impl RegionGrid {
         let Some((low, high)) = self.cell_range(lower, upper) else {
             return;
         };
+        if low == high {
+            visit(RegionId::of_cell(low));
+            return;
+        }
+        let overlaps = |low: UVec3, high: UVec3| self.block_overlaps(low, high, corners);
+        visit_overlapping(low, high, &overlaps, &mut visit);
+    }
+
+    /// Whether a triangle overlaps the closed box of a block of cells, from `low` to `high`. The
+    /// box of several is a little larger than they are: rounding takes no cell away that overlaps
+    /// by itself.
+    fn block_overlaps(&self, low: UVec3, high: UVec3, corners: [DVec3; 3]) -> bool {
+        let (lower, _) = self.cell_box(RegionId::of_cell(low));
+        let (_, upper) = self.cell_box(RegionId::of_cell(high));
+        let margin = if low == high { 0.0 } else { 1e-9 * self.cell };
+        triangle_overlaps_box(corners, lower - margin, upper + margin)
+    }
+}
+
+/// Blocks of so many cells are not halved any more.
+const SMALL_BLOCK: u32 = 8;
+
+/// Visits all cells from `low` to `high` that overlap, in ascending order of z, y, x. Larger blocks
+/// are halved, and halves that do not overlap left out: a large tilted face takes time in
+/// proportion to its owners, not to the cells of its box.
+fn visit_overlapping(
+    low: UVec3,
+    high: UVec3,
+    overlaps: &impl Fn(UVec3, UVec3) -> bool,
+    visit: &mut impl FnMut(RegionId),
+) {
+    let size = high - low + UVec3::ONE;
+    if size.element_product() <= SMALL_BLOCK {
         for z in low.z..=high.z {
             for y in low.y..=high.y {
                 for x in low.x..=high.x {
-                    let region = RegionId::of_cell(UVec3::new(x, y, z));
-                    if low == high || self.overlaps(region, corners) {
-                        visit(region);
+                    let cell = UVec3::new(x, y, z);
+                    if overlaps(cell, cell) {
+                        visit(RegionId::of_cell(cell));
                     }
                 }
             }
+        }
+        return;
+    }
+    // The slowest coordinate first: that keeps the order.
+    let axis = (0..3).rev().find(|&k| size[k] > 1).unwrap_or(0);
+    let (mut end, mut start) = (high, low);
+    end[axis] = low[axis] + size[axis] / 2 - 1;
+    start[axis] = end[axis] + 1;
+    for (low, high) in [(low, end), (start, high)] {
+        if overlaps(low, high) {
+            visit_overlapping(low, high, overlaps, visit);
         }
     }
 }
@@ -234,6 +292,79 @@ mod tests {
             let holder = grid.region_of_point(p);
             prop_assert!(grid.contains(holder));
             prop_assert!(owners.contains(&holder), "{holder:?} not in {owners:?}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_owners_are_all_cells_that_overlap_in_their_order(
+            raw in prop::array::uniform3(prop::array::uniform3(0.0..1.0f64)),
+        ) {
+            let upper = DVec3::new(1.0, 0.7, 0.9);
+            let grid = RegionGrid::new(DVec3::ZERO, upper, 16).unwrap();
+            let corners = raw.map(|c| DVec3::from_array(c) * upper);
+            let mut owners = Vec::new();
+            grid.for_each_owner(corners, |r| owners.push(r));
+            let [width, height, depth] = grid.cells;
+            let cells = (0..width * height * depth)
+                .map(|k| UVec3::new(k % width, k / width % height, k / (width * height)));
+            let all = cells.map(RegionId::of_cell);
+            let expected: Vec<RegionId> = all.filter(|&r| grid.overlaps(r, corners)).collect();
+            prop_assert_eq!(owners, expected);
+        }
+    }
+
+    /// In any direction, and not in proportion to the cells of its box.
+    #[test]
+    fn a_large_tilted_face_takes_time_in_proportion_to_its_owners() {
+        let grid = RegionGrid::new(DVec3::ZERO, DVec3::ONE, 64).unwrap();
+        let tilted = [[0.0, 0.0, 0.4], [1.0, 0.0, 0.6], [0.0, 1.0, 0.5]];
+        let diagonal = [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let faces = [0, 1, 2].map(|turn| {
+            tilted.map(|mut p: [f64; 3]| {
+                p.rotate_left(turn);
+                p
+            })
+        });
+        for face in faces.into_iter().chain([diagonal]) {
+            let corners = face.map(DVec3::from_array);
+            let looks = std::cell::Cell::new(0);
+            let overlaps = |low: UVec3, high: UVec3| {
+                looks.set(looks.get() + 1);
+                grid.block_overlaps(low, high, corners)
+            };
+            let mut owners = 0;
+            let last = UVec3::splat(63);
+            visit_overlapping(UVec3::ZERO, last, &overlaps, &mut |_| owners += 1);
+            assert!(owners > 2000, "{owners}");
+            let looks = looks.get();
+            assert!(looks < 16 * owners, "{looks} for {owners}");
+        }
+    }
+
+    #[test]
+    fn the_last_walls_reach_the_upper_corner_and_a_face_there_has_owners() {
+        // Noise beside zero is below the last bit of the side's length.
+        let noise = f64::from(6.123e-17_f32);
+        let (lower, upper) = (DVec3::new(0.0, -1.0, 0.0), DVec3::new(2.0, noise, 1.0));
+        // Five cells of this length are a little less than the side; the quotient is five.
+        let fifth = DVec3::new(0.72, 0.225, 0.1);
+        for (lower, upper) in [(lower, upper), (DVec3::ZERO, fifth)] {
+            let grid = RegionGrid::new(lower, upper, 16).unwrap();
+            for level in 0..=4 {
+                let grid = grid.at_level(level).unwrap();
+                let last = UVec3::from_array(grid.cells) - UVec3::ONE;
+                let (_, wall) = grid.cell_box(RegionId::of_cell(last));
+                assert!(wall.cmpge(upper).all(), "level {level}: {wall} {upper}");
+            }
+        }
+        let grid = RegionGrid::new(lower, upper, 16).unwrap();
+        let corners = [[0.1, 0.1], [0.2, 0.1], [0.15, 0.6]].map(|[x, z]| DVec3::new(x, noise, z));
+        for level in 0..=4 {
+            let mut owners = 0;
+            let grid = grid.at_level(level).unwrap();
+            grid.for_each_owner(corners, |_| owners += 1);
+            assert!(owners > 0, "level {level}");
         }
     }
 

@@ -110,21 +110,32 @@ fn dropped(triangles: &mut Vec<[u32; 3]>, keep: impl FnMut(&[u32; 3]) -> bool) -
     (before - triangles.len()) as u64
 }
 
-/// Zero, or the centre of a model that lies far from its own origin. Triangles that are no faces,
-/// with the same corner twice or one beyond f32, tell nothing of where it lies.
+/// Zero, or the centre of a model that lies far from its own origin.
 fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
-    let mut lower = DVec3::INFINITY;
-    let mut upper = DVec3::NEG_INFINITY;
-    for triangle in triangles {
-        let [a, b, c] = triangle.map(|v| DVec3::from_array(positions[v as usize]));
-        let (least, most) = (a.min(b).min(c), a.max(b).max(c));
-        let size = least.abs().max(most.abs()).max_element();
+    far_origin(box_of_faces(positions, triangles))
+}
+
+/// The box of all triangles whose vertices exist; from infinity to its negative when there is none.
+/// Those that are no faces, with the same corner twice or one beyond f32, tell nothing of where a
+/// model lies.
+pub(crate) fn box_of_faces<T: Copy + Into<f64> + Sync>(
+    positions: &[[T; 3]],
+    triangles: &[[u32; 3]],
+) -> [DVec3; 2] {
+    let place = |v: u32| DVec3::from_array(positions[v as usize].map(Into::into));
+    let nowhere = || [DVec3::INFINITY, DVec3::NEG_INFINITY];
+    let of_face = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(place);
+        let (lower, upper) = (a.min(b).min(c), a.max(b).max(c));
+        let size = lower.abs().max(upper.abs()).max_element();
         let is_finite = a.is_finite() && b.is_finite() && c.is_finite();
-        if is_finite && size <= f64::from(f32::MAX) && a != b && b != c && c != a {
-            (lower, upper) = (lower.min(least), upper.max(most));
-        }
-    }
-    far_origin([lower, upper])
+        let is_face = is_finite && size <= f64::from(f32::MAX) && a != b && b != c && c != a;
+        is_face.then_some([lower, upper])
+    };
+    triangles
+        .par_iter()
+        .filter_map(of_face)
+        .reduce(nowhere, |a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
 /// Zero, or the centre of a box that lies far from the origin.

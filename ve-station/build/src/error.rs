@@ -1,5 +1,6 @@
 //! Why no SPM could be built.
 
+use crate::tuning::input::MAX_CORNERS;
 use std::io;
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -50,6 +51,11 @@ pub enum BuildError {
         "this mesh has {0} triangles, more than the {MAX_FACES} that an SPM can hold: split it"
     )]
     TooLarge(u64),
+    /// A polygon that takes too long to cut.
+    #[error(
+        "this mesh has a polygon of {0} corners that is not convex, more than the {MAX_CORNERS} that are cut into triangles: cut it into smaller ones"
+    )]
+    LargePolygon(usize),
     /// The disk is too full.
     #[error(
         "a model of {faces} faces may need {needed} bytes in {}, where only {free} are free: make room there, or choose another folder (-o of build, HRTC_CACHE of a scene)",

@@ -52,7 +52,7 @@ impl Soup {
     }
 
     /// Cuts the polygons along diagonals that lie inside.
-    fn finish(mut self) -> SoupMesh {
+    fn finish(mut self) -> Result<SoupMesh, BuildError> {
         let SoupMesh {
             positions,
             triangles,
@@ -67,13 +67,16 @@ impl Soup {
                 .iter()
                 .map(|&number| positions.get(number as usize).copied())
                 .collect();
-            if let Some(cut) = points.and_then(|points| polygon::triangulate(&points)) {
+            let Some(points) = points else {
+                continue;
+            };
+            if let Some(cut) = polygon::triangulate(&points)? {
                 for (triangle, corners) in fan.iter_mut().zip(cut) {
                     *triangle = corners.map(|corner| numbers[corner]);
                 }
             }
         }
-        self.mesh
+        Ok(self.mesh)
     }
 }
 

@@ -3,11 +3,12 @@
 //! Two corners become one vertex when their faces meet in an edge that exactly these two faces
 //! have, in opposite directions: first by vertex number, then, for boundaries left over, by
 //! position (seams of vertices that a file stores twice). Where more than two faces meet in an
-//! edge, those of opposite directions that go on most nearly straight are taken for one surface, as
-//! of two sheets that cross, or of the two sides of one. Everything else is cut: at a bow-tie, at
-//! an edge of three faces, the fans get vertices of their own. Copies of a cut vertex are locked,
-//! so that no coarser mesh opens a crack there, unless there are thousands (see `locks`). Those
-//! that are not locked collapse like others, and the widest crack is reported (see `cracks`).
+//! edge, by number or by position, those of opposite directions that go on most nearly straight are
+//! taken for one surface, as of two sheets that cross, or of the two sides of one. Everything else
+//! is cut: at a bow-tie, at an edge of three faces, the fans get vertices of their own. Copies of a
+//! cut vertex are locked, so that no coarser mesh opens a crack there, unless there are thousands
+//! (see `locks`). Those that are not locked collapse like others, and the widest crack is reported
+//! (see `cracks`).
 
 use crate::classes::{join, root};
 use crate::clean::CleanMesh;
@@ -25,8 +26,8 @@ pub struct ManifoldMesh {
     pub positions: Vec<[f32; 3]>,
     /// Corners, counterclockwise.
     pub triangles: Vec<[u32; 3]>,
-    /// For every vertex whether it is one of several copies of a cut vertex, or of boundaries that
-    /// touch.
+    /// For every vertex whether it is one of several copies of a cut vertex, of boundaries that
+    /// touch, or of surfaces that meet in an edge.
     pub copies: Vec<bool>,
     /// For every vertex whether it must stay where it is on every front.
     pub locked: Vec<bool>,
@@ -175,6 +176,29 @@ fn classes(pairs: &[(Side, Side)], alone: &[bool]) -> (Vec<u32>, u32) {
     (class, count)
 }
 
+/// Joins boundaries by position. Gives the sides at edges where several surfaces meet: the vertices
+/// there are copies of one, whether a surface ends there or goes on.
+fn join_seams(
+    by_position: &[u32],
+    boundary: &[Side],
+    corner_position: impl Fn(Side) -> DVec3,
+    pairs: &mut Vec<(Side, Side)>,
+) -> Vec<Side> {
+    let mut crossings = Vec::new();
+    for group in Edges::new(by_position, boundary.iter().copied()).groups() {
+        if let Some(pair) = manifold_pair(group, by_position) {
+            pairs.push(pair);
+            continue;
+        }
+        let straight = straightest_pairs(group, by_position, &corner_position);
+        if !straight.is_empty() {
+            crossings.extend_from_slice(group);
+        }
+        pairs.extend(straight);
+    }
+    crossings
+}
+
 /// Stitches and cuts; geometry and faces stay what they are.
 #[must_use]
 pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
@@ -197,19 +221,13 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
         .iter()
         .map(|&v| mesh.same_position[v as usize])
         .collect();
-    let seams = Edges::new(&by_position, boundary.iter().copied());
-    pairs.extend(
-        seams
-            .groups()
-            .filter_map(|g| manifold_pair(g, &by_position)),
-    );
-    drop(seams);
-    drop(by_position);
+    let crossings = join_seams(&by_position, &boundary, at, &mut pairs);
+    drop((by_position, boundary));
 
     // Fans may still meet: an edge cut between two fans that close again round both of its ends.
     // Then a corner of each of its faces is set apart, until every edge is manifold.
     let mut alone = vec![false; by_number.len()];
-    let (class, vertices, boundaries) = loop {
+    let (class, vertices, mut boundaries) = loop {
         let (class, vertices) = classes(&pairs, &alone);
         let edges = Edges::new(&class, 0..sides);
         let mut again = false;
@@ -232,11 +250,13 @@ pub fn cut_to_manifold(mesh: &CleanMesh) -> ManifoldMesh {
         }
     };
     drop((pairs, alone));
+    boundaries.extend(crossings);
     finish(mesh, class, vertices, &boundaries)
 }
 
-/// The mesh over the classes, and which of them are copies.
-fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, boundaries: &[Side]) -> ManifoldMesh {
+/// The mesh over the classes, and which of them are copies; where surfaces may touch is known from
+/// sides.
+fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, touching: &[Side]) -> ManifoldMesh {
     let by_number: &[u32] = mesh.triangles.as_flattened();
     let number_and_class = numbers_of_classes(by_number, &class, vertices);
     let mut positions = vec![[0.0; 3]; vertices as usize];
@@ -251,7 +271,7 @@ fn finish(mesh: &CleanMesh, class: Vec<u32>, vertices: u32, boundaries: &[Side])
             copies[class as usize] |= same.len() > 1;
         }
     }
-    mark_touching_boundaries(mesh, &class, boundaries, &mut copies);
+    mark_touching(mesh, &class, touching, &mut copies);
 
     let pairs = number_and_class.len() as u64;
     let locked = locks::of_copies(&copies, &positions);
@@ -291,15 +311,10 @@ fn numbers_of_classes(by_number: &[u32], class: &[u32], vertices: u32) -> Vec<(u
     all
 }
 
-/// Marks every boundary vertex whose position another vertex of a boundary has too: a seam that
-/// could not be stitched.
-fn mark_touching_boundaries(
-    mesh: &CleanMesh,
-    class: &[u32],
-    boundaries: &[Side],
-    copies: &mut [bool],
-) {
-    let mut position_and_class: Vec<(u32, u32)> = boundaries
+/// Marks every vertex of these sides whose position another vertex of them has too: a seam that
+/// could not be stitched, or surfaces that meet.
+fn mark_touching(mesh: &CleanMesh, class: &[u32], touching: &[Side], copies: &mut [bool]) {
+    let mut position_and_class: Vec<(u32, u32)> = touching
         .iter()
         .flat_map(|&side| [side, next_side(side)])
         .map(|corner| {
@@ -333,6 +348,14 @@ mod tests {
         )
     }
 
+    /// The same faces with vertices of their own, as with flat shading.
+    fn apart(positions: &[[f64; 3]], faces: &[[u32; 3]]) -> (Vec<[f64; 3]>, Vec<[u32; 3]>) {
+        let corners = faces.as_flattened().iter();
+        let own = corners.map(|&v| positions[v as usize]).collect();
+        let numbers = (0..faces.len() as u32).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]);
+        (own, numbers.collect())
+    }
+
     /// Every edge one face, or two in opposite directions; every vertex one fan.
     fn assert_manifold(mesh: &ManifoldMesh) {
         let corners: &[u32] = mesh.triangles.as_flattened();
@@ -355,6 +378,26 @@ mod tests {
                 corners[class.iter().position(|&y| y == x).unwrap()]
             );
         }
+    }
+
+    /// Whether faces that lie at one edge have its ends in common, or copies of them.
+    fn ends_are_shared_or_copies(cleaned: &CleanMesh, mesh: &ManifoldMesh) -> bool {
+        let numbers = cleaned.triangles.as_flattened().iter();
+        let place: Vec<u32> = numbers
+            .map(|&v| cleaned.same_position[v as usize])
+            .collect();
+        let vertices: &[u32] = mesh.triangles.as_flattened();
+        let edges = Edges::new(&place, 0..place.len() as u32);
+        edges.groups().all(|group| {
+            let ends = group.iter().flat_map(|&side| [side, next_side(side)]);
+            let mut ends: Vec<(u32, u32)> = ends
+                .map(|corner| (place[corner as usize], vertices[corner as usize]))
+                .collect();
+            ends.sort_unstable();
+            ends.dedup();
+            ends.chunk_by(|a, b| a.0 == b.0)
+                .all(|same| same.len() == 1 || same.iter().all(|&(_, v)| mesh.copies[v as usize]))
+        })
     }
 
     #[test]
@@ -469,6 +512,7 @@ mod tests {
         }
         let back: Vec<[u32; 3]> = faces.iter().map(|t| [t[0], t[2], t[1]]).collect();
         faces.extend(back);
+        let (own, numbers) = apart(&positions, &faces);
         let mesh = cut(positions, faces);
         assert_manifold(&mesh);
         // An inner vertex has a copy for each side; a pillow of 162 faces a side has few more.
@@ -477,17 +521,43 @@ mod tests {
             "{}",
             mesh.positions.len()
         );
+        // Faces with vertices of their own are joined to the very same surface.
+        let joined = cut(own, numbers);
+        assert_manifold(&joined);
+        assert_eq!(joined.positions.len(), mesh.positions.len());
+        assert_eq!(joined.triangles, mesh.triangles);
+        assert_eq!(joined.copies, mesh.copies);
+    }
+
+    #[test]
+    fn of_three_faces_with_their_own_vertices_at_an_edge_two_are_joined_and_all_ends_locked() {
+        let positions = [
+            [0.0; 3],
+            [0.0, 0.0, 1.0],
+            [1.0, 0.0, 0.0],
+            [-1.0, 0.1, 0.0],
+            [0.0, 1.0, 0.0],
+        ];
+        let (own, numbers) = apart(&positions, &[[0, 1, 2], [1, 0, 3], [0, 1, 4]]);
+        let mesh = cut(own, numbers);
+        assert_manifold(&mesh);
+        assert_eq!(mesh.positions.len(), 7);
+        assert_eq!(mesh.summary.stitched_vertices, 2);
+        assert_eq!(mesh.summary.locked_vertices, 4);
     }
 
     proptest! {
         #[test]
         fn any_soup_becomes_a_manifold_of_the_same_geometry(
             faces in prop::collection::vec(prop::array::uniform3(0u32..9), 1..60),
+            own: bool,
         ) {
             let positions: Vec<[f64; 3]> = (0..9)
                 .map(|k| [f64::from(k), f64::from(k * k), f64::from(k * k * k % 7)])
                 .collect();
-            if let Ok(cleaned) = clean(SoupMesh { positions, triangles: faces }) {
+            let (positions, triangles) =
+                if own { apart(&positions, &faces) } else { (positions, faces) };
+            if let Ok(cleaned) = clean(SoupMesh { positions, triangles }) {
                 let mesh = cut_to_manifold(&cleaned);
                 assert_manifold(&mesh);
                 let position = |v: u32| cleaned.positions[v as usize];
@@ -497,9 +567,11 @@ mod tests {
                 let copies = mesh.positions.iter().zip(&mesh.copies).filter(|(p, _)| {
                     mesh.positions.iter().filter(|q| q == p).count() > 1
                 });
-                for (_, &copy) in copies {
+                // Closed surfaces with their own vertices may touch at one of these.
+                for (_, &copy) in copies.filter(|_| !own) {
                     prop_assert!(copy);
                 }
+                prop_assert!(ends_are_shared_or_copies(&cleaned, &mesh));
                 prop_assert_eq!(&mesh.copies, &mesh.locked);
             }
         }

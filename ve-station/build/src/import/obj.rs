@@ -40,7 +40,7 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
             reason: "it has no line that starts with v".to_string(),
         });
     }
-    Ok(soup.finish())
+    soup.finish()
 }
 
 /// Numbers count from 1; negative ones from the last vertex so far. What names no vertex is

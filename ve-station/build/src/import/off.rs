@@ -58,7 +58,7 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
         polygon(words(content), &mut corners).ok_or_else(|| bad(line, content, "face"))?;
         soup.push_polygon(&corners);
     }
-    Ok(soup.finish())
+    soup.finish()
 }
 
 /// A count and as many indices; what follows is a colour.

@@ -32,7 +32,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
             )?;
         }
     }
-    Ok(soup.finish())
+    soup.finish()
 }
 
 fn read_elements(

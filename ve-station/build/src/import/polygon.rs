@@ -1,19 +1,34 @@
 //! Polygons into triangles: a fan where the first corner sees all others, else ears are cut off.
 
-use crate::tuning::input::MAX_CORNERS;
+use crate::error::BuildError;
+use crate::tuning::input::{MAX_CORNERS, MAX_FOLDED};
 use robust::{Coord, orient2d};
 
 /// The corners of the triangles of a polygon, as places in it: two fewer than it has corners.
 ///
-/// `None` when nothing better than the fan round the first corner is known: no area, not finite,
-/// too many corners. A polygon that is not flat is cut as its shadow along its mean normal is.
-pub(super) fn triangulate(points: &[[f64; 3]]) -> Option<Vec<[usize; 3]>> {
-    let flat = shadow(points)?;
-    let turn = |a: usize, b: usize, c: usize| orient2d(flat[a], flat[b], flat[c]);
-    if (2..flat.len()).all(|k| turn(0, k - 1, k) > 0.0) || flat.len() > MAX_CORNERS {
-        return None;
+/// `None` when nothing better than the fan round the first corner is known: no area, not finite. A
+/// polygon that is not flat is cut as its shadow along its mean normal is.
+///
+/// # Errors
+/// When it has too many corners and is no fan.
+pub(super) fn triangulate(points: &[[f64; 3]]) -> Result<Option<Vec<[usize; 3]>>, BuildError> {
+    let Some(flat) = shadow(points) else {
+        return Ok(None);
+    };
+    let turn = |k: usize| orient2d(flat[0], flat[k - 1], flat[k]);
+    let fan = 2..flat.len();
+    if fan.clone().all(|k| turn(k) > 0.0) {
+        return Ok(None);
     }
-    Some(cut_ears(&flat))
+    if flat.len() <= MAX_CORNERS {
+        return Ok(Some(cut_ears(&flat)));
+    }
+    // The corners of a large disk are rounded.
+    let folded: f64 = fan.clone().map(|k| (-turn(k)).max(0.0)).sum();
+    if folded <= MAX_FOLDED * fan.map(turn).sum::<f64>() {
+        return Ok(None);
+    }
+    Err(BuildError::LargePolygon(flat.len()))
 }
 
 /// The polygon seen along the axis nearest to its normal, so that it turns counterclockwise.
@@ -63,25 +78,24 @@ fn cut_ears(flat: &[Coord<f64>]) -> Vec<[usize; 3]> {
     let mut previous: Vec<usize> = (0..count).map(|k| (k + count - 1) % count).collect();
     let mut triangles = Vec::with_capacity(count - 2);
     let (mut at, mut since, mut wanted) = (0, 0, Ear::Clean);
-    // Each corner tested against all others, a few times over; a hostile polygon gets a plain fan
-    // then.
-    let mut budget = 8 * count * count;
+    // Corners that may be looked at, to see whether they lie in an ear. A polygon that does not
+    // cross itself takes about half the square; a hostile one gets a plain fan in the end.
+    let mut budget = 4 * count * count;
     while triangles.len() + 2 < count {
         let left = count - triangles.len();
         let (before, after) = (previous[at], next[at]);
         let is_ear = match wanted {
             Ear::Any => true,
             Ear::Area => orient2d(flat[before], flat[at], flat[after]) > 0.0,
-            Ear::Clean => {
-                budget = budget.saturating_sub(left);
-                budget == 0 || is_clean(flat, &next, before, at, after)
-            }
+            Ear::Clean => budget == 0 || is_clean(flat, &next, [before, at, after], &mut budget),
         };
         if is_ear {
             triangles.push([before, at, after]);
             next[before] = after;
             previous[after] = before;
-            (at, since, wanted) = (after, 0, Ear::Clean);
+            // The corners beside the cut come next, this one and then `after`: in a thin band no
+            // others are ears, and whoever goes on at `after` walks round the whole band.
+            (at, since, wanted) = (before, 0, Ear::Clean);
         } else {
             since += 1;
             at = after;
@@ -100,13 +114,21 @@ fn cut_ears(flat: &[Coord<f64>]) -> Vec<[usize; 3]> {
 
 /// Whether the ear at `at` has area and nothing of the polygon in it. Corners at the very place of
 /// one of the ear's do not count: a hole is joined to the outline by an edge that is walked twice.
-fn is_clean(flat: &[Coord<f64>], next: &[usize], before: usize, at: usize, after: usize) -> bool {
+/// Every corner that is looked at is taken off the budget.
+fn is_clean(
+    flat: &[Coord<f64>],
+    next: &[usize],
+    [before, at, after]: [usize; 3],
+    budget: &mut usize,
+) -> bool {
     let [a, b, c] = [before, at, after].map(|k| flat[k]);
+    *budget = budget.saturating_sub(1);
     if orient2d(a, b, c) <= 0.0 {
         return false;
     }
     let mut other = next[after];
     while other != before {
+        *budget = budget.saturating_sub(1);
         let p = flat[other];
         let in_box = p.x >= a.x.min(b.x).min(c.x)
             && p.x <= a.x.max(b.x).max(c.x)
@@ -137,6 +159,57 @@ mod tests {
         0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
     }
 
+    /// A line and, back again, the same line a little farther out.
+    fn band(shape: &str, corners: usize) -> Vec<[f64; 3]> {
+        let half = corners / 2;
+        let at = |k: usize, out: f64| match shape {
+            "zigzag" => [k as f64, 5.0 * (k % 2) as f64 + 0.3 * out, 0.0],
+            "corrugated" => [k as f64, 5.0 * (k / 2 % 2) as f64 + 0.3 * out, 0.0],
+            _ => {
+                let (sin, cos) = (0.3 + 5.6 * k as f64 / half as f64).sin_cos();
+                let radius = 1.0 + 0.03 * out;
+                [radius * cos, radius * sin, 0.0]
+            }
+        };
+        let inner = (0..half).map(|k| at(k, 0.0));
+        inner.chain((0..half).rev().map(|k| at(k, 1.0))).collect()
+    }
+
+    #[test]
+    fn a_thin_band_is_cut_without_overlap() {
+        for shape in ["zigzag", "corrugated", "C"] {
+            for (corners, start) in [(120, 0), (120, 40), (250, 0), (1000, 0), (1000, 333)] {
+                let mut points = band(shape, corners);
+                points.rotate_left(start);
+                let triangles = triangulate(&points).unwrap().unwrap();
+                assert_eq!(triangles.len(), corners - 2);
+                let fan = (1..corners - 1).map(|k| area(&points, [0, k, k + 1]));
+                let whole = fan.sum::<f64>().abs();
+                let sum: f64 = triangles.iter().map(|&t| area(&points, t).abs()).sum();
+                assert!(
+                    (sum - whole).abs() < 1e-9 * whole,
+                    "{shape} of {corners}: {sum} for {whole}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_polygon_of_too_many_corners_is_refused_unless_it_is_a_fan_but_for_rounding() {
+        let error = triangulate(&band("zigzag", MAX_CORNERS + 2)).unwrap_err();
+        let expected = format!("a polygon of {} corners", MAX_CORNERS + 2);
+        assert!(error.to_string().contains(&expected), "{error}");
+        assert!(triangulate(&band("zigzag", 2000)).unwrap().is_some());
+        // A disk in a text of five digits.
+        let disk: Vec<[f64; 3]> = (0..10_000)
+            .map(|k| {
+                let (sin, cos) = (f64::from(k) / 10_000.0 * std::f64::consts::TAU).sin_cos();
+                [cos, sin, 0.0].map(|x| (x * 1e5).round() / 1e5)
+            })
+            .collect();
+        assert_eq!(triangulate(&disk).unwrap(), None);
+    }
+
     proptest! {
         /// Star-shaped polygons, from every first corner, tilted: all triangles turn alike and add
         /// up.
@@ -154,7 +227,7 @@ mod tests {
                 points.reverse();
             }
             let fan = || (2..count).map(|k| [0, k - 1, k]).collect();
-            let triangles = triangulate(&points).unwrap_or_else(fan);
+            let triangles = triangulate(&points).unwrap().unwrap_or_else(fan);
             prop_assert_eq!(triangles.len(), count - 2);
             let whole: f64 = (1..count - 1).map(|k| area(&points, [0, k, k + 1])).sum();
             let mut sum = 0.0;
@@ -173,7 +246,7 @@ mod tests {
                 4..30,
             ),
         ) {
-            if let Some(triangles) = triangulate(&points) {
+            if let Some(triangles) = triangulate(&points).unwrap() {
                 prop_assert_eq!(triangles.len(), points.len() - 2);
                 prop_assert!(triangles.as_flattened().iter().all(|&k| k < points.len()));
             }
@@ -184,7 +257,7 @@ mod tests {
     fn a_corner_in_the_middle_of_a_side_stays_a_corner() {
         // A fan round the first corner would give it a triangle without area.
         let points = [[0.0; 3], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [1.0, 1.0, 0.0]];
-        let triangles = triangulate(&points).unwrap();
+        let triangles = triangulate(&points).unwrap().unwrap();
         assert!(
             triangles.iter().all(|&t| area(&points, t) > 0.0),
             "{triangles:?}"
@@ -197,7 +270,7 @@ mod tests {
         let (outer, inner) = (square(2.0), square(1.0));
         let mut points = vec![outer[0], outer[1], outer[2], outer[3], outer[0]];
         points.extend([inner[0], inner[3], inner[2], inner[1], inner[0]]);
-        let triangles = triangulate(&points).unwrap();
+        let triangles = triangulate(&points).unwrap().unwrap();
         let sum: f64 = triangles.iter().map(|&t| area(&points, t)).sum();
         assert!((sum - 12.0).abs() < 1e-12);
         assert!(triangles.iter().all(|&t| area(&points, t) >= 0.0));

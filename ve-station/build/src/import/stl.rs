@@ -5,10 +5,9 @@
 
 use super::Soup;
 use super::text::{Lines, excerpt, number, words};
-use crate::clean::far_origin;
+use crate::clean::{box_of_faces, far_origin};
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
-use glam::DVec3;
 use rayon::prelude::*;
 
 /// Bytes before the triangles of a binary file.
@@ -52,7 +51,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
     let corner_numbers: Vec<u32> = (0..corners.len() as u32).collect();
     let mut soup = Soup::default();
     soup.mesh.triangles = corner_numbers.as_chunks::<3>().0.to_vec();
-    Ok(welded(soup.finish(), &corners))
+    Ok(welded(soup.finish()?, &corners))
 }
 
 /// Binary files may start with "solid" too, whose head means nothing: text has a facet, or ends,
@@ -126,7 +125,7 @@ fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
         });
     }
     soup.mesh.positions.clone_from(&positions);
-    Ok(welded(soup.finish(), &positions))
+    Ok(welded(soup.finish()?, &positions))
 }
 
 fn refused(reason: &str) -> BuildError {
@@ -138,18 +137,13 @@ fn refused(reason: &str) -> BuildError {
 
 /// One vertex for each position, that of its first use; triangles name corners so far.
 fn welded<T: Copy + Into<f64> + Sync>(mut mesh: SoupMesh, corners: &[[T; 3]]) -> SoupMesh {
-    let place = |p: [T; 3]| DVec3::from_array(p.map(Into::into));
-    let nowhere = || [DVec3::INFINITY, DVec3::NEG_INFINITY];
-    let [lower, upper] = corners
-        .par_iter()
-        .map(|&p| place(p))
-        .filter(|p| p.is_finite() && p.abs().max_element() <= f64::from(f32::MAX))
-        .map(|p| [p; 2])
-        .reduce(nowhere, |a, b| [a[0].min(b[0]), a[1].max(b[1])]);
     // Where a model lies far from its own origin, that is moved there later ([`crate::clean`]).
+    let [lower, upper] = box_of_faces(corners, &mesh.triangles);
     let origin = far_origin([lower, upper]);
     let extent = (lower - origin).abs().max((upper - origin).abs());
     let (origin, extent) = (origin.to_array(), extent.max_element() as f32);
+    // Without a face there is no box, and infinity less infinity would make all corners one.
+    let extent = if extent.is_finite() { extent } else { 0.0 };
     // Adding the extent and taking it away again leaves the bits that count at this size.
     let key = |p: [T; 3]| {
         [0, 1, 2].map(|k| {

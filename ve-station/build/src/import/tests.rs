@@ -127,7 +127,8 @@ fn stl_reads_text_of_several_solids_and_binary_that_starts_like_text() {
     assert!(triangles_of(&binary, "stl").is_err());
 }
 
-/// A kerb of 15 cm in metres of a national grid; and noise where others write 0.
+/// A kerb of 15 cm in metres of a national grid; and noise where others write 0. A facet of nothing
+/// but zeros tells nothing of where the model lies.
 #[test]
 fn stl_far_from_its_origin_keeps_every_bit_and_its_own_corners() {
     for (origin, noise) in [([4e5, 5.6e6, 120.0], 0.0), ([0.0; 3], 1e-17)] {
@@ -141,11 +142,16 @@ fn stl_far_from_its_origin_keeps_every_bit_and_its_own_corners() {
         };
         let (a, b, c) = ([0.0, 0.123, 0.0], [10.0, 0.0, 0.0], [0.0, 0.123, 0.15]);
         let text = face([a, b, c], 0.0) + &face([b, a, [7.0, 9.0, 1.0]], noise);
-        let text = format!("solid kerb\n{text}endsolid\n");
-        let mesh = triangles_of(text.as_bytes(), "stl").unwrap();
-        assert_eq!(mesh.triangles, [[0, 1, 2], [1, 0, 3]], "{origin:?}");
-        let there = [0, 1, 2].map(|k| origin[k] + a[k]);
-        assert_eq!(mesh.positions[0], there);
+        let corner = "vertex 0 0 0\n".repeat(3);
+        let null = format!("facet normal 0 0 0\nouter loop\n{corner}endloop\nendfacet\n");
+        for nulls in [0, 1] {
+            let text = format!("solid kerb\n{text}{}endsolid\n", null.repeat(nulls));
+            let mesh = triangles_of(text.as_bytes(), "stl").unwrap();
+            let expected: [[u32; 3]; 3] = [[0, 1, 2], [1, 0, 3], [4, 4, 4]];
+            assert_eq!(mesh.triangles, expected[..2 + nulls], "{origin:?}");
+            let there = [0, 1, 2].map(|k| origin[k] + a[k]);
+            assert_eq!(mesh.positions[0], there);
+        }
     }
 }
 
