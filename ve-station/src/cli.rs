@@ -16,6 +16,7 @@ use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 use ve_station::export::{self, Detail, ExportFormat};
 use ve_station::inspect::{self, Facts};
+use ve_station::output::{check_is_not_input, check_output};
 use ve_station::serve::{ServeArgs, serve};
 
 /// Status for a bad file, option or scene.
@@ -72,7 +73,12 @@ enum Command {
         /// The SPM file
         file: PathBuf,
         /// Longest side of the model in the world, metres, for the greatest speed
-        #[arg(long, value_name = "M", default_value_t = 0.15)]
+        #[arg(
+            long,
+            value_name = "M",
+            default_value_t = 0.15,
+            allow_negative_numbers = true
+        )]
         size: f64,
         /// Writes a picture too: where the mesh was cut, its regions and its levels of detail
         #[arg(long, value_name = "FILE.png")]
@@ -98,7 +104,7 @@ enum Command {
         /// The format, whatever the ending: obj, ply, stl, off, cdpm or spmtxt
         #[arg(long, value_name = "NAME", value_parser = format_named)]
         format: Option<ExportFormat>,
-        /// At most so many faces: the first splits only
+        /// At most so many faces: the first splits only; never fewer than the base mesh has
         #[arg(long, value_name = "N", conflicts_with = "tolerance")]
         faces: Option<u32>,
         /// Only the splits whose expected error is larger than this, in the units of the model
@@ -256,6 +262,7 @@ fn build(
     options: &BuildOptions,
     json: bool,
 ) -> Result<(), Box<dyn Error>> {
+    check_output(output, mesh, "spm")?;
     let start = Instant::now();
     let progress = TerminalProgress::new();
     let built = spm_builder::build_file(mesh, output, options, &progress);
@@ -299,6 +306,9 @@ fn inspect_file(
     picture: Option<(&Path, inspect::Axis)>,
     json: bool,
 ) -> Result<(), Box<dyn Error>> {
+    if let Some((path, _)) = picture {
+        check_output(path, file, "png")?;
+    }
     let found = inspect::inspect(file, size)?;
     if let Some((path, up)) = picture {
         let bytes = inspect::model_picture(file, up)?;
@@ -319,6 +329,7 @@ fn export_file(
     detail: Detail,
     json: bool,
 ) -> Result<(), Box<dyn Error>> {
+    check_is_not_input(output, file)?;
     let done = export::export(file, output, format, detail)?;
     if json {
         print(&serde_json::to_string(&done)?)

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`export`] | an SPM file as a plain mesh, or in the thesis's text formats |
 //! | [`inspect`] | what an SPM file holds, for people and scripts |
+//! | [`output`] | whether a file may be written |
 //! | [`database`] | the models of a scene, and the cache of built ones |
 //! | `file_bytes` | the bytes of a file, safe from whoever overwrites it |
 //! | [`viewer`] | `serve --view`: what a controller on this machine touches, in rerun |
@@ -94,6 +95,7 @@ pub mod database;
 pub mod export;
 mod file_bytes;
 pub mod inspect;
+pub mod output;
 pub mod serve;
 mod tuning;
 pub mod viewer;

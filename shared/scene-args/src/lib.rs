@@ -34,10 +34,10 @@ pub struct OverrideArgs {
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub speed: Option<f64>,
     /// Seed of the tour
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
     pub seed: Option<u64>,
     /// Limit of the controller's cache, such as 16MiB
-    #[arg(long, value_name = "BYTES")]
+    #[arg(long, value_name = "BYTES", allow_negative_numbers = true)]
     pub cache: Option<String>,
     /// Wanted error at the contact, metres; 0 is the full mesh
     #[arg(long, value_name = "M", allow_negative_numbers = true)]
@@ -80,5 +80,27 @@ impl OverrideArgs {
             }
         }
         typed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::Parser;
+    use clap::error::ErrorKind;
+
+    #[derive(Debug, Parser)]
+    struct Program {
+        #[command(flatten)]
+        overrides: OverrideArgs,
+    }
+
+    #[test]
+    fn a_negative_number_is_a_value_and_no_option() {
+        let typed = |option: &str| Program::try_parse_from(["program", option, "-1"]);
+        let refused = typed("--seed").map_err(|error| error.kind());
+        assert_eq!(refused.err(), Some(ErrorKind::ValueValidation));
+        let cache = typed("--cache").map(|program| program.overrides.cache);
+        assert_eq!(cache.ok().flatten().as_deref(), Some("-1"));
     }
 }

@@ -333,8 +333,41 @@ fn damaged_spm_files_are_one_sentence_each() {
     let text = inspect();
     assert!(text.contains("of the section \"records\""), "{text}");
     assert!(refused(at, &["inspect", "missing.spm"]).contains("missing.spm"));
-    let text = refused(at, &["inspect", "torus.spm", "--size", "0"]);
-    assert!(text.contains("--size 0"), "{text}");
+    for size in ["0", "-1"] {
+        let text = refused(at, &["inspect", "torus.spm", "--size", size]);
+        assert!(text.contains(&format!("--size {size}")), "{text}");
+    }
+}
+
+#[test]
+fn an_output_that_is_the_input_or_of_another_ending_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let made = station(at, &["generate", "torus", "--faces", "3000", "-o", "a.obj"]);
+    assert!(made.status.success());
+    assert!(
+        station(at, &["build", "a.obj", "-o", "a.spm"])
+            .status
+            .success()
+    );
+    let read = || ["a.obj", "a.spm"].map(|name| std::fs::read(at.join(name)).unwrap());
+    let before = read();
+    let cases: [(&[&str], &str); 6] = [
+        (&["build", "a.obj", "-o", "a.obj"], "the input"),
+        (&["build", "a.obj", "-o", "./a.obj"], "the input"),
+        (&["build", "a.obj", "-o", "b.obj"], ".spm"),
+        (&["inspect", "a.spm", "--picture", "a.spm"], "the input"),
+        (&["inspect", "a.spm", "--picture", "a.obj"], ".png"),
+        (
+            &["export", "a.spm", "-o", "a.spm", "--format", "obj"],
+            "the input",
+        ),
+    ];
+    for (arguments, expected) in cases {
+        let text = refused(at, arguments);
+        assert!(text.contains(expected), "{arguments:?}: {text}");
+    }
+    assert!(read() == before, "an input was overwritten");
 }
 
 #[test]
