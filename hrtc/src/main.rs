@@ -52,10 +52,10 @@ struct RunOptions {
     #[arg(required_unless_present = "station")]
     scene: Option<PathBuf>,
     /// Length of the run, seconds; until Ctrl-C when absent
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     seconds: Option<f64>,
     /// Length of the tour, after which the simulated hand rests; that of the run when absent
-    #[arg(long, value_name = "S", value_parser = seconds)]
+    #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     tour_seconds: Option<f64>,
     /// iceoryx2 domain of the station; with --station, of this machine alone
     #[arg(long, value_name = "NAME", default_value = "hrtc")]
@@ -80,10 +80,10 @@ struct RunOptions {
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// No more force than this, newtons, whatever the scene says
-    #[arg(long, value_name = "N", value_parser = above_zero)]
+    #[arg(long, value_name = "N", value_parser = above_zero, allow_negative_numbers = true)]
     max_force: Option<f64>,
     /// No more torque than this, newton metres, whatever the scene says
-    #[arg(long, value_name = "NM", value_parser = above_zero)]
+    #[arg(long, value_name = "NM", value_parser = above_zero, allow_negative_numbers = true)]
     max_torque: Option<f64>,
     /// A file with the device of the first probe, whatever the scene says, as in a scene: device =
     /// { custom = { name = "..." } }; again for the next probe

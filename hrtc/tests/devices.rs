@@ -109,8 +109,10 @@ impl Device for Unfit {
     fn safe_off(&mut self) {}
 }
 
-/// What no device may say of itself, and the word for it.
-const FAULTS: [(&str, fn(&mut Capabilities)); 5] = [
+type Change = fn(&mut Capabilities);
+
+/// What no device may say of itself, and the words for it.
+const FAULTS: [(&str, Change); 5] = [
     ("max_force_n is -1", |of| of.max_force_n = -1.0),
     ("max_force_n is NaN", |of| of.max_force_n = f64::NAN),
     ("position_resolution_m", |of| {

@@ -71,7 +71,6 @@ impl Capabilities {
             acceleration_m_per_s2,
             angular_speed_rad_per_s,
         } = self.motion;
-        // A comparison with what is no number is false.
         let above_0 = [
             ("max_force_n", self.max_force_n, true),
             ("max_torque_nm", self.max_torque_nm, is_six(self.rendered)),
@@ -92,7 +91,7 @@ impl Capabilities {
         ];
         let limit = above_0
             .into_iter()
-            .find(|&(_, limit, counts)| counts && !(limit > 0.0));
+            .find(|&(_, limit, counts)| counts && (limit.is_nan() || limit <= 0.0));
         let step = not_below_0
             .into_iter()
             .find(|&(_, step)| !(step >= 0.0 && step.is_finite()));

@@ -21,8 +21,8 @@ use hrtc_core::{Capacity, Controller, Fault};
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
 use scene::{ScenePlan, TrajectoryPlan};
-use std::io::Write;
-use std::path::Path;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Instant;
 
@@ -49,6 +49,8 @@ pub(super) struct Drained {
     pub recording_errors: u64,
     /// Rings of the recorder; none without one.
     pub recorder_rings: Vec<Capacity>,
+    /// The first file of the recording.
+    pub recording: Option<PathBuf>,
     /// The first error that ended the run.
     pub error: Option<RunError>,
 }
@@ -79,6 +81,7 @@ impl Monitor<'_> {
             run,
             recording_errors: 0,
             recorder_rings: Vec::new(),
+            recording: None,
             error: None,
         };
         let mut next_status = 0;
@@ -120,6 +123,7 @@ impl Monitor<'_> {
         if let Some(recording) = recording {
             drained.recording_errors = u64::from(recording.has_lost());
             drained.recorder_rings = recording.capacities();
+            drained.recording = Some(recording.first().to_owned());
         }
         drained
     }
@@ -262,7 +266,7 @@ impl Monitor<'_> {
         result.capacities.extend(drained.recorder_rings);
         self.print_losses(end);
         let non_finite = finished.result.non_finite.join(", ");
-        self.print_result(finished)?;
+        self.print_result(finished, drained.recording.as_deref())?;
         if non_finite.is_empty() {
             Ok(())
         } else {
@@ -330,12 +334,24 @@ impl Monitor<'_> {
         }
     }
 
-    fn print_result(&self, finished: Finished) -> Result<(), RunError> {
+    fn print_result(&self, finished: Finished, recording: Option<&Path>) -> Result<(), RunError> {
         match self.args.output {
+            // A supervisor that is gone lacks the result.
             Output::Supervised => print_line(&SupervisedLine::Finished(Box::new(finished))),
-            Output::Json => print_line(&finished.result),
-            Output::Text => outcome::print_text(&finished).map_err(RunError::Print),
+            Output::Json => or_unread(print_line(&finished.result)),
+            Output::Text => {
+                let printed = outcome::print_text(&finished, recording);
+                or_unread(printed.map_err(RunError::Print))
+            }
         }
+    }
+}
+
+/// A reader that went away (`| head`) is no error.
+fn or_unread(printed: Result<(), RunError>) -> Result<(), RunError> {
+    match printed {
+        Err(RunError::Print(error)) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        printed => printed,
     }
 }
 
@@ -359,4 +375,16 @@ fn print_line(value: &impl serde::Serialize) -> Result<(), RunError> {
     writeln!(out, "{line}")
         .and_then(|()| out.flush())
         .map_err(RunError::Print)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reader_that_went_away_is_no_error_and_a_full_disk_is() {
+        let of = |kind: ErrorKind| or_unread(Err(RunError::Print(kind.into())));
+        assert!(or_unread(Ok(())).is_ok() && of(ErrorKind::BrokenPipe).is_ok());
+        assert!(of(ErrorKind::StorageFull).is_err());
+    }
 }

@@ -11,6 +11,7 @@ use scene::{LoopPlan, SceneError, ScenePlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::io::Write;
+use std::path::Path;
 use thiserror::Error;
 use transport::TransportError;
 
@@ -140,14 +141,26 @@ pub(super) fn rights(plan: &LoopPlan, is_recorded: bool, missing: &[MissingRight
 }
 
 /// Closing lines of `hrtc run`; the full report is that of `rt-tests run`.
-pub(super) fn print_text(finished: &Finished) -> std::io::Result<()> {
-    let r = &finished.result;
+pub(super) fn print_text(finished: &Finished, recording: Option<&Path>) -> std::io::Result<()> {
     let mut out = std::io::stdout().lock();
+    write_text(&mut out, &finished.result, recording)?;
+    out.flush()
+}
+
+/// These lines; `recording` is the first file of the recording, where there is one.
+fn write_text(
+    out: &mut impl Write,
+    r: &RunResult,
+    recording: Option<&Path>,
+) -> std::io::Result<()> {
     writeln!(
         out,
         "{}: {} ticks in {:.1} s, {} periods missed ({} by own work)",
         r.scene, r.ticks, r.seconds, r.missed, r.missed_own_cpu
     )?;
+    if r.first_heard_ms <= 0.0 {
+        writeln!(out, "no station was heard")?;
+    }
     writeln!(
         out,
         "touched for {} ticks, {} of them at full resolution, {} coarser than asked for; force p50 {:.2} N, max {:.2} N",
@@ -173,5 +186,30 @@ pub(super) fn print_text(finished: &Finished) -> std::io::Result<()> {
             c.name, c.high_water, c.capacity
         )?;
     }
-    out.flush()
+    if let Some(file) = recording {
+        writeln!(out, "recording {}", file.display())?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_closing_lines_name_the_recording_and_a_station_that_never_came() {
+        let text = |result: &RunResult, recording: Option<&Path>| {
+            let mut out = Vec::new();
+            write_text(&mut out, result, recording).expect("memory takes it");
+            String::from_utf8(out).expect("it is text")
+        };
+        let mut result = RunResult::default();
+        let alone = text(&result, None);
+        assert!(alone.contains("no station was heard\n"), "{alone}");
+        assert!(!alone.contains("recording"), "{alone}");
+        result.first_heard_ms = 12.0;
+        let heard = text(&result, Some(Path::new("folder/run.mcap")));
+        assert!(!heard.contains("no station"), "{heard}");
+        assert!(heard.ends_with("recording folder/run.mcap\n"), "{heard}");
+    }
 }

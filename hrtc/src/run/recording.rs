@@ -22,6 +22,8 @@ const KEEP_BYTES: u64 = 512 << 20;
 #[derive(Debug)]
 pub(super) struct RunRecording {
     recorder: Recorder,
+    /// Its first file.
+    first: PathBuf,
     /// Where the last seconds before a fault go.
     black_box: PathBuf,
 }
@@ -46,6 +48,7 @@ impl RunRecording {
         let files = scene.files.clone();
         let head = RecordingHead::new(&scene.path, &scene.overrides, setup, &files, offset_ns);
         let black_box = beside(&place.first, "fault");
+        let first = place.first.clone();
         let is_default = place.owns_folder;
         if is_default && let Some(folder) = place.first.parent() {
             // A folder that cannot be made shows when the file is.
@@ -55,6 +58,7 @@ impl RunRecording {
             Ok((recorder, taps)) => {
                 let recording = Self {
                     recorder,
+                    first,
                     black_box,
                 };
                 Ok((Some(recording), Some(taps)))
@@ -65,6 +69,11 @@ impl RunRecording {
             }
             Err(error) => Err(error),
         }
+    }
+
+    /// The first file.
+    pub(super) fn first(&self) -> &Path {
+        &self.first
     }
 
     /// Hands over a tick.

@@ -30,3 +30,14 @@ fn a_shape_without_faces_is_refused() {
     let output = rt_tests("tools").arg("relief:many").output().unwrap();
     assert!(refusal(&output).contains("relief:many"));
 }
+
+#[test]
+fn no_seeds_are_refused() {
+    let output = rt_tests("tools").args(["--seeds", "0"]).output().unwrap();
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        output.stdout.is_empty() && said.contains("--seeds"),
+        "{said}"
+    );
+}

@@ -1,6 +1,6 @@
 //! The viewer of a run.
 
-use crate::typed::refusal;
+use crate::typed::{refusal, rt_tests};
 use crate::{run, scene};
 
 #[cfg(feature = "view")]
@@ -34,4 +34,26 @@ fn a_viewer_without_a_recording_or_that_is_not_built_is_refused() {
     let sentence = refusal(&output);
     assert!(sentence.contains(expected), "{sentence}");
     assert!(!out.exists(), "nothing half-written");
+}
+
+#[test]
+fn a_picture_that_is_the_recording_or_no_png_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let recording = folder.path().join("recording.mcap");
+    std::fs::write(&recording, b"all that there is of a touch").unwrap();
+    let other = folder.path().join("other.mcap");
+    let cases = [
+        ("--out", &recording, "the input"),
+        ("--rerun", &recording, "the input"),
+        ("--out", &other, ".png"),
+    ];
+    for (option, path, expected) in cases {
+        let mut view = rt_tests("view");
+        view.arg(&recording).arg(option).arg(path);
+        let sentence = refusal(&view.output().unwrap());
+        assert!(sentence.contains(expected), "{option}: {sentence}");
+    }
+    let kept = std::fs::read(&recording).unwrap();
+    assert_eq!(kept, b"all that there is of a touch");
+    assert!(!other.exists());
 }

@@ -23,6 +23,16 @@ use scene::{ModelSource, ScenePlan, load};
 use scene_files::DiskFiles;
 use std::path::{Path, PathBuf};
 
+/// Every file that a report may have.
+const REPORT_FILES: [&str; 6] = [
+    "report.html",
+    "result.json",
+    "touch.png",
+    "force.svg",
+    "timing.svg",
+    "resolution.svg",
+];
+
 /// Arguments of `rt-tests run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
@@ -86,8 +96,9 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let mut viewer = viewer
         .map(|target| Viewer::new(&record, target, other_core(&plan)))
         .transpose()?;
-    make_folder(&out)?;
     prepare_models(&plan)?;
+    make_folder(&out)?;
+    remove_earlier(&out)?;
     let stop = stop_flag()?;
     let line = LiveLine::new(args.seconds);
     let pair = PairArgs {
@@ -136,6 +147,40 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         out.join("report.html").display()
     );
     print_either(args.json, &words, &outcome.finished.result)
+}
+
+/// Removes what an earlier run wrote into the folder, so that nothing of it stands beside the new
+/// report. Other files stay.
+fn remove_earlier(folder: &Path) -> Result<(), Failure> {
+    let entries = std::fs::read_dir(folder).map_err(|error| Failure::write(folder, &error))?;
+    for entry in entries.flatten() {
+        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
+        if !is_file || !entry.file_name().to_str().is_some_and(is_of_a_run) {
+            continue;
+        }
+        let path = entry.path();
+        std::fs::remove_file(&path).map_err(|error| Failure::write(&path, &error))?;
+    }
+    Ok(())
+}
+
+/// Whether a file has a name that this command gives: that of the report, or the recorder's for
+/// `recording.mcap`, the files after it and what it keeps of a fault.
+fn is_of_a_run(name: &str) -> bool {
+    if REPORT_FILES.contains(&name) {
+        return true;
+    }
+    let Some(rest) = name.strip_prefix("recording") else {
+        return false;
+    };
+    let Some(rest) = rest.strip_suffix(".mcap") else {
+        return false;
+    };
+    match rest.strip_prefix('-') {
+        None => rest.is_empty(),
+        Some("fault") => true,
+        Some(number) => number.len() >= 4 && number.bytes().all(|digit| digit.is_ascii_digit()),
+    }
 }
 
 /// Where the recording goes: as typed, as the scene says, or into the report's folder.
@@ -247,6 +292,38 @@ fn errors(status: &Status) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_files_of_an_earlier_run_are_removed() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        let of_a_run = [
+            "report.html",
+            "result.json",
+            "touch.png",
+            "force.svg",
+            "timing.svg",
+            "resolution.svg",
+            "recording.mcap",
+            "recording-0001.mcap",
+            "recording-fault.mcap",
+        ];
+        let others = [
+            "recording-of-mine.mcap",
+            "recording-1.mcap",
+            "recording.mcap.old",
+            "notes.svg",
+            "my-report.html",
+        ];
+        for name in of_a_run.iter().chain(&others) {
+            std::fs::write(at(name), b"earlier").expect("it is written");
+        }
+        std::fs::create_dir(at("recording-0002.mcap")).expect("a folder");
+        assert_eq!(remove_earlier(folder.path()), Ok(()));
+        assert!(of_a_run.iter().all(|name| !at(name).exists()));
+        assert!(others.iter().all(|name| at(name).is_file()));
+        assert!(at("recording-0002.mcap").is_dir());
+    }
 
     #[test]
     fn the_live_line_says_what_is_no_number() {

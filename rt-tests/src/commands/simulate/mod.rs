@@ -77,7 +77,13 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "KIND,...", value_delimiter = ',', num_args = 0..)]
     pub only: Option<Vec<Kind>>,
     /// Make every fault rarer and shorter by this factor, 0 to 1
-    #[arg(long, value_name = "W", default_value_t = 1.0)]
+    #[arg(
+        long,
+        value_name = "W",
+        default_value_t = 1.0,
+        value_parser = weight,
+        allow_negative_numbers = true
+    )]
     pub weight: f64,
     /// End each run after so many ticks, without the checks of a whole run
     #[arg(long, value_name = "N")]
@@ -89,6 +95,13 @@ pub struct SimulateArgs {
     /// Print one JSON object with the result on standard output
     #[arg(long)]
     pub json: bool,
+}
+
+/// A share of the faults' weight; NaN is none.
+fn weight(text: &str) -> Result<f64, String> {
+    let number = text.parse().ok();
+    let weight = number.filter(|number: &f64| (0.0..=1.0).contains(number));
+    weight.ok_or_else(|| "write a number from 0 to 1".to_owned())
 }
 
 fn seeds(text: &str) -> Result<Range<u64>, String> {
@@ -403,6 +416,16 @@ mod tests {
             Value::Array(of) => of.iter().any(has_null),
             Value::Object(of) => of.values().any(has_null),
             _ => false,
+        }
+    }
+
+    #[test]
+    fn a_weight_is_from_0_to_1() {
+        for good in ["0", "0.25", "1"] {
+            assert!(weight(good).is_ok(), "{good}");
+        }
+        for bad in ["nan", "5", "-1", "inf", "heavy"] {
+            assert!(weight(bad).is_err(), "{bad}");
         }
     }
 

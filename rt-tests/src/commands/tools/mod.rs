@@ -58,7 +58,7 @@ pub struct ToolsArgs {
     #[arg(value_name = "MODEL")]
     pub models: Vec<String>,
     /// Seeds of the tour over each model, from 1 on [default: 5]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub seeds: Option<u64>,
     /// Simulated time for each seed, seconds [default: 60]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]

@@ -63,7 +63,12 @@ pub struct TuneArgs {
     #[command(flatten)]
     pub limits: LimitArgs,
     /// Length of each touch, seconds
-    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 10.0,
+        allow_negative_numbers = true
+    )]
     pub seconds: f64,
     /// Over the scene.
     #[command(flatten)]

@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use crate::processes::pair::{PairArgs, Shown, run_pair};
 use crate::processes::roles::LoopArgs;
+use crate::processes::stop::is_set;
 use crate::report::quantile::{Quantiles, median};
 use crate::trajectory::stage_times::{STAGES, least_ns_with};
 use crate::trajectory::virtual_scene::{make_ready_led, virtual_scene};
@@ -144,11 +145,21 @@ impl Bench<'_> {
         Ok(load(self.scene, overrides, &DiskFiles)?)
     }
 
+    /// # Errors
+    /// When the search is to end: what was cut short tells nothing of the settings.
+    fn check_stop(&self) -> Result<(), Failure> {
+        if is_set(self.stop) {
+            return Err(Failure::Run("ended on request".to_string()));
+        }
+        Ok(())
+    }
+
     /// A touch in virtual time: the hands are those of the scene, the loop is closed.
     ///
     /// # Errors
-    /// When the scene cannot be served, or nothing is touched.
+    /// When the scene cannot be served, nothing is touched, or the search is to end.
     pub fn simulate(&self, settings: Settings, mode: Mode) -> Result<Cost, Failure> {
+        self.check_stop()?;
         let plan = self.plan(&self.with(settings).overrides())?;
         let failed = |what: &str| Failure::Run(format!("{}: {what}", plan.name));
         let (mut simulation, options) = virtual_scene(&plan, self.seconds)?;
@@ -197,7 +208,7 @@ impl Bench<'_> {
     /// errors, bytes and memory, and the median of the times.
     ///
     /// # Errors
-    /// When a process fails, or nothing is touched.
+    /// When a process fails, nothing is touched, or the search is to end.
     pub fn run(&self, settings: Settings, runs: usize) -> Result<Run, Failure> {
         let overrides = self.with(settings);
         let plan = self.plan(&overrides.overrides())?;
@@ -214,7 +225,9 @@ impl Bench<'_> {
         let mut cost = Cost::default();
         let mut seen = WorkCosts::REFERENCE;
         for _ in 0..runs {
-            let outcome = run_pair(&pair, self.stop, &mut |_: Shown<'_>| ())?;
+            let outcome = run_pair(&pair, self.stop, &mut |_: Shown<'_>| ());
+            self.check_stop()?;
+            let outcome = outcome?;
             outcome.check_finite()?;
             let result = &outcome.finished.result;
             if result.contact_ticks == 0 {
@@ -244,6 +257,23 @@ const NOTHING_TOUCHED: &str = "nothing is touched, so nothing can be tuned; give
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_search_that_is_to_end_says_so() {
+        let stop = AtomicBool::new(true);
+        let bench = Bench {
+            scene: Path::new("nowhere.toml"),
+            overrides: &OverrideArgs::default(),
+            seconds: 1.0,
+            stop: &stop,
+        };
+        let settings = Settings {
+            tolerance_m: 1e-4,
+            cache_bytes: 1 << 20,
+        };
+        let ended = bench.simulate(settings, Mode::Plain);
+        assert_eq!(ended, Err(Failure::Run("ended on request".to_string())));
+    }
 
     #[test]
     fn an_error_that_is_no_number_stays_and_is_a_failure() {

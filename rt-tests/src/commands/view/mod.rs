@@ -8,7 +8,8 @@ use crate::pictures::shots::{FRAME_MS, Shots};
 use crate::report::output::{print, status_line, write_whole};
 use clap::Args;
 use picture::{PictureError, animation};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use ve_station::output::{OutputError, check_is_not_input, check_output};
 
 /// Arguments of `rt-tests view`.
 #[derive(Debug, Args)]
@@ -38,9 +39,18 @@ pub struct ViewArgs {
 /// One sentence: status 2 when the recording cannot be used or does not reach there, 1 when a tick
 /// of it does not replay.
 pub fn view(args: &ViewArgs) -> Result<(), Failure> {
+    let refused = |error: OutputError| Failure::Input(error.to_string());
     if let Some(target) = &args.rerun {
+        check_is_not_input(Path::new(target), &args.file).map_err(refused)?;
         return rerun::view(&args.file, target);
     }
+    let default = if args.film {
+        "touch-film.png"
+    } else {
+        "touch.png"
+    };
+    let out = args.out.clone().unwrap_or_else(|| PathBuf::from(default));
+    check_output(&out, &args.file, "png").map_err(refused)?;
     let line = status_line();
     line.set_message("reading the recording");
     let playback = Playback::open(&args.file)?;
@@ -51,16 +61,14 @@ pub fn view(args: &ViewArgs) -> Result<(), Failure> {
     let shots = Shots::new(&playback);
     line.set_message("replaying up to the moment");
     let failed = |error: PictureError| Failure::Run(error.to_string());
-    let (default, bytes) = if args.film {
+    let bytes = if args.film {
         let pictures = shots.film(tick, |count| line.set_message(format!("picture {count}")))?;
         line.set_message("encoding");
-        let film = animation(&pictures, FRAME_MS).map_err(failed)?;
-        ("touch-film.png", film)
+        animation(&pictures, FRAME_MS).map_err(failed)?
     } else {
-        ("touch.png", shots.still(tick)?.to_png().map_err(failed)?)
+        shots.still(tick)?.to_png().map_err(failed)?
     };
     line.finish_and_clear();
-    let out = args.out.clone().unwrap_or_else(|| PathBuf::from(default));
     write_whole(&out, &bytes)?;
     let seconds = playback.seconds(tick);
     print(&format!(

@@ -18,7 +18,7 @@ use crate::failure::Failure;
 use crate::processes::pair::{PairArgs, Shown, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::processes::stamped_device::{NAME, read_stamps};
-use crate::processes::stop::stop_flag;
+use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{make_folder, print_either, write_whole};
 use crate::scenes::{SceneFile, check_seconds, prepare_models};
 use clap::Args;
@@ -30,6 +30,7 @@ use scene_files::DiskFiles;
 use serde::Serialize;
 pub use stamps::RealLoop;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 /// Dampings that the curve is drawn over, N s/m.
 const DAMPINGS: [f64; 5] = [0.2, 0.5, 1.0, 2.0, 5.0];
@@ -49,7 +50,12 @@ pub struct ZwidthArgs {
     #[arg(value_name = "SCENE")]
     pub scene: Option<PathBuf>,
     /// Length of the run that measures period and delay
-    #[arg(long, value_name = "S", default_value_t = 10.0)]
+    #[arg(
+        long,
+        value_name = "S",
+        default_value_t = 10.0,
+        allow_negative_numbers = true
+    )]
     pub seconds: f64,
     /// Over the scene.
     #[command(flatten)]
@@ -180,14 +186,16 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
             eprintln!("{who}: {line}");
         }
     };
+    let stop = stop_flag()?;
     let scene = scene.path();
     let (measured, _) = measure(scene, &plan, &args.overrides, args.seconds, &mut show)?;
     eprintln!("the walls are simulated");
     let device = &plan.probes[0].device;
     let found = Zwidth {
-        curve: curve(&measured, device)?,
+        curve: curve(&measured, device, &stop)?,
         ..simulate(measured, device)?
     };
+    check_stop(&stop)?;
     let picture = args.out.join("zwidth.svg");
     write_whole(&picture, words::draw(&found).as_bytes())?;
     let words = format!("{}picture: {}\n", words::words(&found), picture.display());
@@ -195,10 +203,19 @@ pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     found.judge()
 }
 
+/// # Errors
+/// When the command is to end: what was cut short is no measure.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(Failure::Run("ended on request".to_string()));
+    }
+    Ok(())
+}
+
 /// Runs the scene with stamps.
 ///
 /// # Errors
-/// When a process fails, or the device touches too little.
+/// When a process fails, the device touches too little, or the run is ended on request.
 pub(super) fn measure(
     scene: &Path,
     plan: &ScenePlan,
@@ -227,7 +244,9 @@ pub(super) fn measure(
         device: Some(&device),
     };
     let stop = stop_flag()?;
-    let outcome = run_pair(&pair, &stop, show)?;
+    let outcome = run_pair(&pair, &stop, show);
+    check_stop(&stop)?;
+    let outcome = outcome?;
     outcome.check_finite()?;
     let stamps = read_stamps(&stamps)
         .map_err(|error| Failure::Run(format!("the stamps of the device: {error}")))?;
@@ -288,8 +307,16 @@ fn simulate(measured: RealLoop, device: &SimulatedDevicePlan) -> Result<Zwidth, 
 }
 
 /// The limits of plates over the damping of a device.
-fn curve(measured: &RealLoop, device: &SimulatedDevicePlan) -> Result<Vec<Limit>, Failure> {
+///
+/// # Errors
+/// When a wall cannot be served, or the command is to end.
+fn curve(
+    measured: &RealLoop,
+    device: &SimulatedDevicePlan,
+    stop: &AtomicBool,
+) -> Result<Vec<Limit>, Failure> {
     let limit = |damping: f64| {
+        check_stop(stop)?;
         let loaded = plate(measured, device, damping);
         Ok(Limit {
             damping,
@@ -410,6 +437,15 @@ mod tests {
         // A device without damping has no limit in theory, and no wall is tried.
         let untried = stiffest_by_doubling(0.0, |_| Err(Failure::Run("tried".to_string())));
         assert_eq!(untried, Ok(0.0));
+    }
+
+    #[test]
+    fn a_command_that_is_to_end_says_so() {
+        let device = SimulatedDevicePlan::default();
+        let stop = AtomicBool::new(true);
+        let ended = curve(&loop_of(1e-3, 0, 0.0), &device, &stop);
+        let ended = ended.map(|limits| limits.len());
+        assert_eq!(ended, Err(Failure::Run("ended on request".to_string())));
     }
 
     #[test]

@@ -437,7 +437,8 @@ mod tests {
         assert_eq!(search(amid, u32::MAX).0, FACES);
     }
 
-    /// A search that goes on and is interrupted before it is back where it was visits nothing twice.
+    /// A search that goes on and is interrupted before it is back at its place visits nothing
+    /// twice.
     #[test]
     fn what_was_visited_before_an_interruption_is_not_visited_again() {
         const FACES: u32 = 64;

@@ -147,11 +147,8 @@ impl Shading {
             unvisited * unvisited
         };
         let reached = aside(seen).min(radius * radius);
-        let square = if reached > 0.0 {
-            reached
-        } else {
-            radius * radius
-        };
+        let is_seen = reached > 0.0;
+        let square = if is_seen { reached } else { radius * radius };
         let weighed = || {
             nearest.all().iter().map(|face| {
                 let near = (1.0 - aside(face.distance_squared) / square).max(0.0);
@@ -167,7 +164,7 @@ impl Shading {
                 face * ((alike - sharp) / (1.0 - sharp)).max(0.0)
             })
             .sum();
-        let found = if is_short && (kept == DVec3::ZERO || reached <= 0.0) {
+        let found = if is_short && (kept == DVec3::ZERO || !is_seen) {
             Smooth::Unknown
         } else if kept == DVec3::ZERO {
             Smooth::Sharp
