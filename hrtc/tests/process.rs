@@ -214,7 +214,11 @@ fn a_terminal_that_is_gone_ends_the_run_without_a_panic() {
     drop(run.child.stdout.take());
     drop(run.child.stderr.take());
     run.signal("-HUP");
-    assert_eq!(run.child.wait().unwrap().code(), Some(0), "no result");
+    assert_eq!(
+        run.child.wait().unwrap().code(),
+        Some(0),
+        "a reader that is gone is no error"
+    );
 }
 
 #[test]

@@ -335,6 +335,8 @@ impl Governor {
     /// [`Self::note_work`].
     pub fn note_devices(&mut self, ns: f64) {
         self.last_device_ns = ns;
+        // More than a period is no more to be planned for.
+        let ns = ns.min(self.period_ns());
         let left = (-self.period_s / DRIVERS_FADE_S).exp();
         let [most, second] = self.device_times.map(|of| left * of);
         self.device_times = if ns > most {

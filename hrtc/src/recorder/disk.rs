@@ -61,6 +61,10 @@ enum Job {
     Bytes(Vec<u8>, u64),
 }
 
+/// Tries to lock a file that another one looks at, and the pause between two.
+const LOCK_TRIES: u32 = 10;
+const LOCK_PAUSE: Duration = Duration::from_millis(5);
+
 /// No tick is lost.
 const NOTHING: u64 = u64::MAX;
 
@@ -111,6 +115,7 @@ impl Disk {
                     files.take(job);
                 }
                 drop(files.file.take());
+                files.drop_empty();
                 let _ = report.send(files.own.into_iter().map(|(path, _)| path).collect());
             })
             .map_err(RecordingError::Thread)?;
@@ -221,6 +226,7 @@ impl Files {
 
     fn begin(&mut self, number: u32) -> io::Result<()> {
         self.file = None;
+        self.drop_empty();
         self.make_room()?;
         let path = self.place.path(number);
         let mut options = OpenOptions::new();
@@ -231,7 +237,12 @@ impl Files {
             .open(&path)?;
         // Another run of hrtc must not delete it; where there are no locks, it may. Who looks
         // whether it is free holds it for a moment.
-        let _ = file.lock_shared();
+        for _ in 0..LOCK_TRIES {
+            if file.try_lock_shared().is_ok() {
+                break;
+            }
+            std::thread::sleep(LOCK_PAUSE);
+        }
         self.own.push_back((path, 0));
         self.file = Some(file);
         self.news.failed.store(false, Ordering::Release);
@@ -247,20 +258,23 @@ impl Files {
         Ok(())
     }
 
-    /// No more bytes into this file, from a tick on; one without any is removed.
+    /// No more bytes into this file, from a tick on.
     fn fail(&mut self, error: &io::Error, tick: u64) {
-        let was_open = self.file.take().is_some();
-        if let Some((path, 0)) = self.own.back()
-            && was_open
-        {
-            remove(path);
-            self.own.pop_back();
-        }
+        self.file = None;
+        self.drop_empty();
         if let Ok(mut reason) = self.news.reason.lock() {
             *reason = error.to_string();
         }
         self.news.lost_from.fetch_min(tick, Ordering::AcqRel);
         self.news.failed.store(true, Ordering::Release);
+    }
+
+    /// Removes the last file if nothing came into it: it is no recording.
+    fn drop_empty(&mut self) {
+        if let Some((path, 0)) = self.own.back() {
+            remove(path);
+            self.own.pop_back();
+        }
     }
 
     /// Deletes the oldest files until another one fits.

@@ -341,12 +341,14 @@ impl Worker {
             return;
         }
         self.flushed_ns = now_ns;
+        // Before the question for losses: what is not waiting any more is written or lost.
+        let is_idle = self.disk.is_idle();
         if self.disk.has_lost() {
             // Also of a file before the present one.
             let reason = self.disk.reason();
             return self.stop(reason);
         }
-        if self.written > 0 && self.disk.is_idle() {
+        if self.written > 0 && is_idle {
             self.told = None;
         }
         let bytes = match encoder.flush() {
@@ -370,8 +372,9 @@ impl Worker {
         }
         // What waited behind a failure is lost with it.
         let lost = self.disk.take_lost().unwrap_or(self.pending_tick);
-        let told = self.told.take().map_or(lost, |of| of.first);
-        let first = lost.min(told).min(self.pending_tick);
+        let marked = [self.told.take(), self.hole.take()];
+        let marked = marked.iter().flatten().map(|of| of.first);
+        let first = marked.fold(lost.min(self.pending_tick), u64::min);
         self.hole = Some(Hole {
             first,
             last: self.next_tick.saturating_sub(1).max(first),
@@ -457,6 +460,10 @@ impl Worker {
 
     fn finish(mut self, ending: &Ending) -> Vec<PathBuf> {
         self.disk.wait(RECORDING_TIMEOUT);
+        if self.disk.has_lost() && self.encoder.is_some() {
+            self.stop(self.disk.reason());
+            self.retry_ns = 0;
+        }
         self.resume();
         if let Some(mut encoder) = self.encoder.take() {
             let last = encoder

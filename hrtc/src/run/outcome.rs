@@ -11,7 +11,7 @@ use scene::{LoopPlan, SceneError, ScenePlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::io::Write;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use thiserror::Error;
 use transport::TransportError;
 
@@ -186,10 +186,20 @@ fn write_text(
             c.name, c.high_water, c.capacity
         )?;
     }
-    if let Some(file) = recording {
-        writeln!(out, "recording {}", file.display())?;
+    if let Some(first) = recording {
+        writeln!(out, "recording {}", files_of(first).display())?;
     }
     Ok(())
+}
+
+/// The first file of a recording, or where it had to go for later ones, a pattern for those.
+fn files_of(first: &Path) -> PathBuf {
+    if first.exists() {
+        return first.to_owned();
+    }
+    let mut pattern = first.file_stem().unwrap_or_default().to_os_string();
+    pattern.push("-*.mcap");
+    first.with_file_name(pattern)
 }
 
 #[cfg(test)]
@@ -208,8 +218,14 @@ mod tests {
         assert!(alone.contains("no station was heard\n"), "{alone}");
         assert!(!alone.contains("recording"), "{alone}");
         result.first_heard_ms = 12.0;
-        let heard = text(&result, Some(Path::new("folder/run.mcap")));
+        let folder = tempfile::tempdir().expect("a folder");
+        let first = folder.path().join("run.mcap");
+        let heard = text(&result, Some(&first));
         assert!(!heard.contains("no station"), "{heard}");
-        assert!(heard.ends_with("recording folder/run.mcap\n"), "{heard}");
+        // The first file had to go.
+        assert!(heard.ends_with("/run-*.mcap\n"), "{heard}");
+        std::fs::write(&first, b"").expect("it is written");
+        let heard = text(&result, Some(&first));
+        assert!(heard.ends_with("/run.mcap\n"), "{heard}");
     }
 }

@@ -201,7 +201,9 @@ impl Processes {
                 while let Ok(event) = self.events.try_recv() {
                     take(event, &mut finished, show);
                 }
-                if let Some(finished) = finished {
+                if let Some(finished) = finished
+                    && finished.result.safety.tick_panics == 0
+                {
                     self.notes.push(
                         "the controller took long to end after its result and was ended by force: its recording may lack its end"
                             .to_string(),

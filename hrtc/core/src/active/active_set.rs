@@ -249,7 +249,8 @@ impl ActiveSet {
         for object in &mut self.objects {
             object.go_on_unloading(budget);
         }
-        if self.objects.iter().any(|of| of.session.is_ended()) {
+        // Also where a model has come that was given up.
+        if self.faults.lost() > 0 || self.objects.iter().any(|of| of.session.is_ended()) {
             self.note_faults(tick);
         }
         consumed

@@ -206,4 +206,9 @@ fn a_driver_that_is_slow_now_and_then_has_its_time_and_one_that_hangs_no_more_th
     governor.note_devices(2.5e8);
     governor.begin_tick([1, 0]);
     assert!(governor.device_ns() == governor.share_ns() && governor.time.allowed() > 0.0);
+    for _ in 0..150 {
+        governor.note_devices(0.0);
+    }
+    let left = governor.device_ns() / governor.share_ns();
+    assert!(left < 0.5, "{left}");
 }

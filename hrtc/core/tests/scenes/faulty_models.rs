@@ -167,8 +167,16 @@ fn what_the_station_had_no_place_for_is_asked_for_again() {
     }
     world.mute_station(false);
     world.client_mut().link().stop_tampering();
-    for _ in 0..4500 {
-        world.step_at(above(BAD, 0.02));
+    // Nor when it comes.
+    for k in 0..4500 {
+        let down = (f64::from(k) / 300.0).min(1.0);
+        world.step_at(above(0, 0.02 - 0.021 * down));
+        let force = world.force().length();
+        assert!(world.outputs().record.ready, "{k}");
+        assert!(k < 600 || force > 0.75, "{k}: {force} N");
+    }
+    for k in (0..300).rev() {
+        world.step_at(above(0, 0.02 - 0.021 * f64::from(k) / 300.0));
     }
     assert_eq!(world.controller().faults().count(), 0);
     let force = press(&mut world, BAD);

@@ -23,6 +23,9 @@ use scene::{ModelSource, ScenePlan, load};
 use scene_files::DiskFiles;
 use std::path::{Path, PathBuf};
 
+/// The recording in the folder of a report.
+const RECORDING: &str = "recording.mcap";
+
 /// Every file that a report may have.
 const REPORT_FILES: [&str; 6] = [
     "report.html",
@@ -98,7 +101,10 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         .transpose()?;
     prepare_models(&plan)?;
     make_folder(&out)?;
-    remove_earlier(&out)?;
+    let has_report = out.join("report.html").is_file();
+    if has_report && record == out.join(RECORDING) {
+        remove_earlier(&out, is_recording)?;
+    }
     let stop = stop_flag()?;
     let line = LiveLine::new(args.seconds);
     let pair = PairArgs {
@@ -120,6 +126,10 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         line.show(shown);
     });
     line.bar.finish_and_clear();
+    // What was refused has changed nothing.
+    if has_report && !outcome.as_ref().is_err_and(|failure| failure.status() == 2) {
+        remove_earlier(&out, |name| REPORT_FILES.contains(&name))?;
+    }
     let outcome = outcome?;
     if let Err(failure) = outcome.check_finite() {
         // A report has no place for figures that are left out.
@@ -149,13 +159,13 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     print_either(args.json, &words, &outcome.finished.result)
 }
 
-/// Removes what an earlier run wrote into the folder, so that nothing of it stands beside the new
-/// report. Other files stay.
-fn remove_earlier(folder: &Path) -> Result<(), Failure> {
+/// Removes what an earlier run wrote into the folder of its report under such a name, so that
+/// nothing of it stands beside the new one. Other files stay.
+fn remove_earlier(folder: &Path, is_of_a_run: impl Fn(&str) -> bool) -> Result<(), Failure> {
     let entries = std::fs::read_dir(folder).map_err(|error| Failure::write(folder, &error))?;
     for entry in entries.flatten() {
         let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
-        if !is_file || !entry.file_name().to_str().is_some_and(is_of_a_run) {
+        if !is_file || !entry.file_name().to_str().is_some_and(&is_of_a_run) {
             continue;
         }
         let path = entry.path();
@@ -164,12 +174,9 @@ fn remove_earlier(folder: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Whether a file has a name that this command gives: that of the report, or the recorder's for
-/// `recording.mcap`, the files after it and what it keeps of a fault.
-fn is_of_a_run(name: &str) -> bool {
-    if REPORT_FILES.contains(&name) {
-        return true;
-    }
+/// Whether a file has a name that the recorder gives for `recording.mcap`: that, those of the files
+/// after it and of what it keeps of a fault.
+fn is_recording(name: &str) -> bool {
     let Some(rest) = name.strip_prefix("recording") else {
         return false;
     };
@@ -188,7 +195,7 @@ fn recording(args: &RunArgs, plan: &ScenePlan, out: &Path) -> PathBuf {
     let of_scene = match (&plan.record.path, plan.record.keep_bytes) {
         (_, None) => PathBuf::from("off"),
         (Some(path), _) => path.clone(),
-        (None, _) => out.join("recording.mcap"),
+        (None, _) => out.join(RECORDING),
     };
     args.record.clone().unwrap_or(of_scene)
 }
@@ -319,7 +326,10 @@ mod tests {
             std::fs::write(at(name), b"earlier").expect("it is written");
         }
         std::fs::create_dir(at("recording-0002.mcap")).expect("a folder");
-        assert_eq!(remove_earlier(folder.path()), Ok(()));
+        assert_eq!(remove_earlier(folder.path(), is_recording), Ok(()));
+        assert!(REPORT_FILES.iter().all(|name| at(name).is_file()));
+        let is_of_report = |name: &str| REPORT_FILES.contains(&name);
+        assert_eq!(remove_earlier(folder.path(), is_of_report), Ok(()));
         assert!(of_a_run.iter().all(|name| !at(name).exists()));
         assert!(others.iter().all(|name| at(name).is_file()));
         assert!(at("recording-0002.mcap").is_dir());
