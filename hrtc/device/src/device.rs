@@ -137,7 +137,8 @@ pub trait Device: Send {
     /// Abilities and limits. Called at start, off the tick; must not change.
     fn capabilities(&self) -> Capabilities;
 
-    /// The newest sample; `None` when the device has none for this period.
+    /// The newest sample; `None` when the device has none for this period. What this and `write`
+    /// take, by work or by waiting, comes off the time that a tick has for contacts.
     fn read(&mut self, time: TickTime) -> Option<Sample>;
 
     /// Renders a wrench until the next call or the end of its validity.

@@ -395,20 +395,26 @@ mod tests {
     use ab_tree::{AbTree, leaf_key};
     use spm::{ActiveMesh, Certified};
 
-    /// A search that ends amid a face goes on there, or examines all of it where it has changed.
-    #[test]
-    fn a_face_that_has_changed_is_examined_anew() {
-        const FACES: u32 = 64;
-        let mut mesh = ActiveMesh::new(3, 1, 0);
+    const FACES: u32 = 64;
+
+    /// A surface of equal faces under a tool of 64 near ones, and a search of it from a point on
+    /// with a budget: how many pairs it visits, and where to go on.
+    fn with_search(
+        faces: u32,
+        check: impl FnOnce(&Surface<'_>, &dyn Fn(Resume, u32) -> (u32, Resume)),
+    ) {
+        let mut mesh = ActiveMesh::new(3, faces, 0);
         let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         for (vertex, corner) in (0u32..).zip(corners) {
             mesh.set_base_vertex(vertex, corner, Certified::EXACT);
         }
-        mesh.set_base_face(0, [0, 1, 2], [NONE; 3])
-            .expect("the vertices are there");
-        let mut tree = AbTree::new(1);
-        tree.preconstruct(1);
-        tree.insert(0, leaf_key(0, 1));
+        let mut tree = AbTree::new(faces);
+        tree.preconstruct(faces);
+        for face in 0..faces {
+            mesh.set_base_face(face, [0, 1, 2], [NONE; 3])
+                .expect("the vertices are there");
+            tree.insert(face, leaf_key(face, faces));
+        }
         tree.refit(|face| mesh.face_box(face));
         let surface = Surface {
             mesh: &mesh,
@@ -418,7 +424,7 @@ mod tests {
         let own = corners.map(|corner| Vec3A::from(corner).as_dvec3() * 0.1);
         tool.refit(|_| own);
         let path = RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]);
-        let search = |resume: Resume, budget: u32| {
+        check(&surface, &|resume, budget| {
             let (mut visited, mut limit) = (0, Limit::from(budget));
             let (_, _, next) =
                 for_each_near_pair(&surface, &tool, &path, 0.1, resume, &mut limit, |_, _| {
@@ -426,60 +432,36 @@ mod tests {
                     ControlFlow::Continue(0.1)
                 });
             (visited, next)
-        };
-        let (first, mut amid) = search(Resume::START, 100);
-        assert!(first > 0 && first < FACES, "{first}");
-        assert_eq!(search(amid, u32::MAX).0, FACES - first);
-        assert!(!amid.is_beyond(&surface, 0));
-        amid.begin_again(1);
-        assert_eq!(search(amid, u32::MAX).0, FACES - first);
-        amid.begin_again(0);
-        assert_eq!(search(amid, u32::MAX).0, FACES);
+        });
+    }
+
+    /// A search that ends amid a face goes on there, or examines all of it where it has changed.
+    #[test]
+    fn a_face_that_has_changed_is_examined_anew() {
+        with_search(1, |surface, search| {
+            let (first, mut amid) = search(Resume::START, 100);
+            assert!(first > 0 && first < FACES, "{first}");
+            assert_eq!(search(amid, u32::MAX).0, FACES - first);
+            assert!(!amid.is_beyond(surface, 0));
+            amid.begin_again(1);
+            assert_eq!(search(amid, u32::MAX).0, FACES - first);
+            amid.begin_again(0);
+            assert_eq!(search(amid, u32::MAX).0, FACES);
+        });
     }
 
     /// A search that goes on and is interrupted before it is back at its place visits nothing
     /// twice.
     #[test]
     fn what_was_visited_before_an_interruption_is_not_visited_again() {
-        const FACES: u32 = 64;
-        let mut mesh = ActiveMesh::new(3, 2, 0);
-        let corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        for (vertex, corner) in (0u32..).zip(corners) {
-            mesh.set_base_vertex(vertex, corner, Certified::EXACT);
-        }
-        let mut tree = AbTree::new(2);
-        tree.preconstruct(2);
-        for face in 0..2 {
-            mesh.set_base_face(face, [0, 1, 2], [NONE; 3])
-                .expect("the vertices are there");
-            tree.insert(face, leaf_key(face, 2));
-        }
-        tree.refit(|face| mesh.face_box(face));
-        let surface = Surface {
-            mesh: &mesh,
-            tree: &tree,
-        };
-        let mut tool = Blocks::new((0..FACES).collect());
-        let own = corners.map(|corner| Vec3A::from(corner).as_dvec3() * 0.1);
-        tool.refit(|_| own);
-        let path = RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]);
-        let search = |resume: Resume, budget: u32| {
-            let (mut visited, mut limit) = (0, Limit::from(budget));
-            let (_, _, next) =
-                for_each_near_pair(&surface, &tool, &path, 0.1, resume, &mut limit, |_, _| {
-                    visited += 1;
-                    ControlFlow::Continue(0.1)
-                });
-            (visited, next)
-        };
-        let amid =
-            |budget: &u32| (FACES + 1..2 * FACES).contains(&search(Resume::START, *budget).0);
-        let budget = (1..10_000)
-            .find(amid)
-            .expect("it stops within the second face");
-        let (first, there) = search(Resume::START, budget);
-        let (none, again) = search(there, 1);
-        assert_eq!((none, again), (0, there));
-        assert_eq!(search(again, u32::MAX).0, 2 * FACES - first);
+        with_search(2, |_, search| {
+            let seconds = FACES + 1..2 * FACES;
+            let stops = |budget: &u32| seconds.contains(&search(Resume::START, *budget).0);
+            let budget = (1..10_000).find(stops).expect("amid the second face");
+            let (first, there) = search(Resume::START, budget);
+            let (none, again) = search(there, 1);
+            assert_eq!((none, again), (0, there));
+            assert_eq!(search(again, u32::MAX).0, 2 * FACES - first);
+        });
     }
 }
