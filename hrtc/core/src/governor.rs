@@ -437,6 +437,7 @@ impl Governor {
         } else {
             self.cut = (self.cut - CUT_FADES).max(0.0);
         }
+        // The want counts also where no step is left.
         if is_cut && self.cut >= MAX_CUT && self.steps.want(tick) && can_ask_for_less {
             self.cut = 0.0;
             self.steps.step(tick);

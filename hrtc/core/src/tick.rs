@@ -438,7 +438,6 @@ impl Controller {
         };
         let probe = &mut self.probes[k];
         let shares = probe.limit(clock, forces.sum, forces.ahead, is_open);
-        let renders_torque = probe.renders_torque;
         if self.movables.is_empty() {
             return shares[0];
         }
@@ -447,7 +446,7 @@ impl Controller {
             if let (Some(object), Some(rendered)) = (active.object(), rendered) {
                 let passed = shares[0].times(if is(Mutant::Reaction) { 0.5 } else { 1.0 });
                 let given = [(rendered.passive, passed), (rendered.active, shares[1])];
-                self.movables.push(object, (k, renders_torque), given, at);
+                self.movables.push(object, k, given, at);
             }
         }
         shares[0]

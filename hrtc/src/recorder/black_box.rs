@@ -20,8 +20,8 @@ use std::path::{Path, PathBuf};
 pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(), RecordingError> {
     let failed = |e| RecordingError::File(out.display().to_string(), e);
     // Another run may have deleted the oldest.
-    let there = files.iter().rposition(|path| !path.exists());
-    let files = &files[there.map_or(0, |gone| gone + 1)..];
+    let gone = files.iter().rposition(|path| !path.exists());
+    let files = &files[gone.map_or(0, |last| last + 1)..];
     let mut last_ns = None;
     // The last one may have begun only now.
     for path in files.iter().rev() {

@@ -8,7 +8,8 @@ pub(super) struct ModelFaults {
     of_model: Vec<Option<Fault>>,
     /// Models that are not known, for a fault.
     lost: usize,
-    /// Where the station had no place for a model: the tick of its last refusal.
+    /// Where the station had no place for a model: the tick in which it first said so, or said so
+    /// again when it was asked again.
     turned_away: Option<u64>,
     /// Whether it is being asked again.
     is_asking: bool,
@@ -78,33 +79,32 @@ impl ModelFaults {
                 self.turned_away = Some(since.unwrap_or(tick));
             }
         }
-        self.count(is_known);
+        self.settle(is_known);
     }
 
     /// Whether what the station had no place for is to be asked for again, so many ticks after it
     /// was refused: another controller may have ended. Until a model comes it counts as lost, so
     /// that the forces of the others go on.
     pub fn try_again(&mut self, tick: u64, after: u64, is_known: impl Fn(usize) -> bool) -> bool {
-        let Some(since) = self.turned_away else {
-            return false;
-        };
-        if !self.is_asking && tick < since + after {
+        if self.is_asking || self.turned_away.is_none_or(|since| tick < since + after) {
             return false;
         }
-        let begins = !self.is_asking;
         self.is_asking = true;
-        // What is here or has come is a matter of its session.
-        for (model, fault) in self.of_model.iter_mut().enumerate() {
-            *fault = fault.filter(|&of| of != Fault::NoPlace || !is_known(model));
-        }
-        self.count(is_known);
-        if !self.of_model.contains(&Some(Fault::NoPlace)) {
-            (self.turned_away, self.is_asking) = (None, false);
-        }
-        begins
+        self.settle(is_known);
+        true
     }
 
-    fn count(&mut self, is_known: impl Fn(usize) -> bool) {
+    /// Counts what is lost. A model that is asked for again and here, or has come, is a matter of
+    /// its session.
+    fn settle(&mut self, is_known: impl Fn(usize) -> bool) {
+        if self.is_asking {
+            for (model, fault) in self.of_model.iter_mut().enumerate() {
+                *fault = fault.filter(|&of| of != Fault::NoPlace || !is_known(model));
+            }
+            if !self.of_model.contains(&Some(Fault::NoPlace)) {
+                (self.turned_away, self.is_asking) = (None, false);
+            }
+        }
         let faults = self.of_model.iter().enumerate();
         self.lost = faults
             .filter(|&(k, of)| of.is_some() && !is_known(k))

@@ -239,13 +239,7 @@ impl Movables {
     /// Records the wrenches that an object gave in this tick to a probe's device at a place (world,
     /// metres), and loads its body with the reaction. `limited` passed the energy account, `rest`
     /// is the active wrench. A device that does not render torque gets no work from it.
-    pub fn push(
-        &mut self,
-        object: u32,
-        (probe, renders_torque): (usize, bool),
-        given: [(Wrench, Passed); 2],
-        at: DVec3,
-    ) {
+    pub fn push(&mut self, object: u32, probe: usize, given: [(Wrench, Passed); 2], at: DVec3) {
         let Some(&body) = self.of_object.get(object as usize) else {
             return;
         };
@@ -254,20 +248,14 @@ impl Movables {
             return;
         };
         // The body feels the force that was passed at its contact; the device may have less of its
-        // torque.
+        // torque, or none.
         let [limited, rest] = given.map(|(wrench, passed)| wrench * passed.force);
         let was_awake = body.is_awake();
         body.push(&reaction(&(limited + rest)), at);
         if body.is_awake() && !was_awake {
             self.awake.push(k);
         }
-        let [limited, rest] = given.map(|(wrench, passed)| {
-            if renders_torque {
-                passed.scale(&wrench)
-            } else {
-                (wrench * passed.force).without_torque()
-            }
-        });
+        let [limited, rest] = given.map(|(wrench, passed)| passed.scale(&wrench));
         if self.pushes.len() < self.pushes.capacity() {
             self.pushes.push(Push {
                 body: k,

@@ -72,17 +72,11 @@ pub struct LimitedWrench {
 pub struct Passed {
     /// Of the force; where there is none, of the torque.
     pub force: f64,
-    /// Of the torque; where there is none, of the force.
+    /// Of the torque; where there is none, of the force, and 0 where the device renders none.
     pub torque: f64,
 }
 
 impl Passed {
-    /// All of a wrench.
-    pub const ALL: Self = Self {
-        force: 1.0,
-        torque: 1.0,
-    };
-
     /// What of a wanted wrench is in a limited one.
     #[must_use]
     pub fn of(wanted: &Wrench, limited: &Wrench) -> Self {

@@ -304,7 +304,10 @@ impl Probe {
         };
         let output = self.limiter.pass(sum, open, self.elapsed);
         (self.wrench, self.clamped) = (output.wrench, output.clamped);
-        let passed = Passed::of(&sum, &output.wrench);
+        let mut passed = Passed::of(&sum, &output.wrench);
+        if !self.renders_torque {
+            passed.torque = 0.0;
+        }
         let limited = if is_driven {
             passed.scale(&passive)
         } else {

@@ -304,17 +304,7 @@ mod tests {
     fn only_files_of_an_earlier_run_are_removed() {
         let folder = tempfile::tempdir().expect("a folder");
         let at = |name: &str| folder.path().join(name);
-        let of_a_run = [
-            "report.html",
-            "result.json",
-            "touch.png",
-            "force.svg",
-            "timing.svg",
-            "resolution.svg",
-            "recording.mcap",
-            "recording-0001.mcap",
-            "recording-fault.mcap",
-        ];
+        let recordings = [RECORDING, "recording-0001.mcap", "recording-fault.mcap"];
         let others = [
             "recording-of-mine.mcap",
             "recording-1.mcap",
@@ -322,7 +312,7 @@ mod tests {
             "notes.svg",
             "my-report.html",
         ];
-        for name in of_a_run.iter().chain(&others) {
+        for name in REPORT_FILES.iter().chain(&recordings).chain(&others) {
             std::fs::write(at(name), b"earlier").expect("it is written");
         }
         std::fs::create_dir(at("recording-0002.mcap")).expect("a folder");
@@ -330,7 +320,8 @@ mod tests {
         assert!(REPORT_FILES.iter().all(|name| at(name).is_file()));
         let is_of_report = |name: &str| REPORT_FILES.contains(&name);
         assert_eq!(remove_earlier(folder.path(), is_of_report), Ok(()));
-        assert!(of_a_run.iter().all(|name| !at(name).exists()));
+        let mut of_a_run = REPORT_FILES.iter().chain(&recordings);
+        assert!(of_a_run.all(|name| !at(name).exists()));
         assert!(others.iter().all(|name| at(name).is_file()));
         assert!(at("recording-0002.mcap").is_dir());
     }
