@@ -10,7 +10,7 @@ use super::neighbourhood::{MAX_PAIRS, Neighbourhood, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::Surface;
+use crate::contact::query::{Limit, Surface};
 use geometry::closest_point_on_triangle;
 use glam::{DMat3, DQuat, DVec3};
 use spm::{Handle, NONE};
@@ -259,7 +259,7 @@ impl Contacts {
     /// Collects the local minima below `limit`, among faces within `near_by` at the tool's
     /// placement or at the end of its motion. `anew`: for a new step; otherwise only pairs not
     /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
-    /// and false if `most` was spent before the end.
+    /// and false if that or the time reached its limit before the end.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
@@ -267,8 +267,9 @@ impl Contacts {
         surface: Surface<'_>,
         (at, anew): (&Placement, bool),
         [near_by, limit]: [f64; 2],
-        most: u32,
+        work: &mut Limit<'_>,
     ) -> (u32, bool) {
+        let most = work.max_work();
         let first = if anew {
             self.begin_or_go_on(near, at, limit)
         } else {
@@ -284,7 +285,7 @@ impl Contacts {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
-            if spent + PASSED + LOOK > most {
+            if spent + PASSED + LOOK > most || work.is_reached(spent) {
                 if let Some(search) = self.search.as_mut().filter(|_| anew) {
                     search.next = Some(k);
                 }

@@ -14,7 +14,7 @@ use super::mesh_change::MeshChange;
 use super::{State, ToolAdvance, ToolProxy};
 use crate::contact::carried::carried;
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Body, Ending, Surface, swept_sphere_budget};
+use crate::contact::query::{Body, Ending, Limit, Surface, swept_sphere_budget};
 use crate::contact::tool::{RelativePath, for_each_face_near};
 use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Similarity, triangle_pair};
@@ -69,7 +69,7 @@ impl ToolProxy {
         &self,
         surface: Surface<'_>,
         there: &Placement,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         if *there == self.at && self.carried_anchor.is_none() {
@@ -78,7 +78,7 @@ impl ToolProxy {
         let [start, end] = [self.anchor(), self.anchor_at(there)];
         let by_centre = [start, self.at.centre, there.centre, end];
         for path in [&[start, end][..], &by_centre] {
-            if self.is_free(surface, path, budget, answer)? {
+            if self.is_free(surface, path, limit, answer)? {
                 return Some(true);
             }
         }
@@ -91,13 +91,13 @@ impl ToolProxy {
         &self,
         surface: Surface<'_>,
         path: &[DVec3],
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let radius = ANCHOR_RADIUS * self.static_offset();
         for ends in path.windows(2) {
             let motion = ends[1] - ends[0];
-            let most = budget.saturating_sub(answer.spent) / PAIRS_A_UNIT;
+            let most = limit.max_work().saturating_sub(answer.spent) / PAIRS_A_UNIT;
             let (hit, free, work) = swept_sphere_budget(surface, (ends[0], motion), radius, most);
             answer.spent += PAIRS_A_UNIT * (work.nodes + work.faces);
             match hit {
@@ -114,12 +114,12 @@ impl ToolProxy {
     pub(super) fn begin_where_placed(
         &mut self,
         surface: Surface<'_>,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> bool {
         let start = self.at;
         let was_known = self.near.tube.left() > 0.0;
-        let is_met = self.meets(surface, &start, budget, answer);
+        let is_met = self.meets(surface, &start, limit, answer);
         if is_met == Some(false) {
             self.come_out_at(&start);
             self.contacts.clear();
@@ -140,18 +140,18 @@ impl ToolProxy {
     pub(super) fn jump_when_clear(
         &mut self,
         surface: Surface<'_>,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) {
         let goal = self.goal;
-        let is_held = self.state == State::Stuck
-            && self.reaches(surface, &goal, budget, answer) != Some(true);
+        let is_held =
+            self.state == State::Stuck && self.reaches(surface, &goal, limit, answer) != Some(true);
         // A collection that the last tick began is gone on with while the device rests. Around a
         // tool that is stuck elsewhere, changes would not be noted.
         if self.state == State::Stuck || !self.near.has_partial_collection() {
             self.near.invalidate_all();
         }
-        let clear = !is_held && self.meets(surface, &goal, budget, answer) == Some(false);
+        let clear = !is_held && self.meets(surface, &goal, limit, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
             self.device_travel = 0.0;
@@ -173,23 +173,23 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         (mesh_change, first_changed): (&MeshChange, Option<usize>),
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
         let tried = match self.escapes_tried.take() {
             Some(tried) => tried,
             None => {
-                let is_met = match first_changed {
-                    Some(first) => self.meets_candidates(first, &here, budget, answer),
+                // Not only what changed where an earlier tick could not decide.
+                let first = |first| if mesh_change.is_undecided() { 0 } else { first };
+                let is_met = match first_changed.map(first) {
+                    Some(first) => self.meets_candidates(first, &here, limit, answer),
                     // It met other faces, too.
-                    None if self.state == State::Stuck => {
-                        self.meets(surface, &here, budget, answer)
-                    }
-                    None => self.meets_what_changed(surface, mesh_change, budget, answer),
+                    None if self.state == State::Stuck => self.meets(surface, &here, limit, answer),
+                    None => self.meets_what_changed(surface, mesh_change, limit, answer),
                 };
                 let is_out = match is_met {
-                    Some(false) => self.reaches(surface, &here, budget, answer),
+                    Some(false) => self.reaches(surface, &here, limit, answer),
                     Some(true) => Some(false),
                     None => None,
                 };
@@ -207,7 +207,7 @@ impl ToolProxy {
                 }
             }
         };
-        self.escape(surface, (mesh_change, tried), budget, answer)
+        self.escape(surface, (mesh_change, tried), limit, answer)
     }
 
     /// The side on which the tool belongs: that of its contacts, else where the surface has carried
@@ -227,7 +227,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         (mesh_change, tried): (&MeshChange, EscapesTried),
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
@@ -239,11 +239,11 @@ impl ToolProxy {
                 ..here
             };
             let path = here.to(&out);
-            let is_held = match self.reaches(surface, &out, budget, answer) {
+            let is_held = match self.reaches(surface, &out, limit, answer) {
                 Some(true) if self.near.tube.covers(&here, &path, 0.0) => {
-                    self.meets_candidates(0, &out, budget, answer)
+                    self.meets_candidates(0, &out, limit, answer)
                 }
-                Some(true) => self.meets(surface, &out, budget, answer),
+                Some(true) => self.meets(surface, &out, limit, answer),
                 other => other.map(|reaches| !reaches),
             };
             match is_held {
@@ -277,17 +277,17 @@ impl ToolProxy {
         &mut self,
         first: usize,
         at: &Placement,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let placed = self.near.vertex_count() / PLACED;
-        if answer.spent + placed > budget {
+        if answer.spent + placed > limit.max_work() {
             return answer.run_out();
         }
         answer.spent += placed;
         self.near.place(&self.shape, at);
         for pair in &self.near.pairs[first..] {
-            if answer.spent + PASSED + TESTED > budget {
+            if answer.spent + PASSED + TESTED > limit.max_work() {
                 return answer.run_out();
             }
             answer.spent += PASSED;
@@ -311,18 +311,21 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         mesh_change: &MeshChange,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
-        let (Some(changed), Some(to_query)) = (mesh_change.changed(), to_query) else {
-            return self.meets(surface, &here, budget, answer);
+        let changed = mesh_change
+            .changed()
+            .filter(|_| !mesh_change.is_undecided());
+        let (Some(changed), Some(to_query)) = (changed, to_query) else {
+            return self.meets(surface, &here, limit, answer);
         };
         let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
         let mut is_met = false;
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
             let corners = surface.corners(face);
-            let limits = [budget.saturating_sub(answer.spent), TESTED];
+            let limits = [limit.max_work().saturating_sub(answer.spent), TESTED];
             let meets = |own| {
                 let corners_of_tool = self
                     .tool
@@ -354,7 +357,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         at: &Placement,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let still = Twist::default();
@@ -362,10 +365,13 @@ impl ToolProxy {
         if !self.near.tube.covers(at, &still, 0.0) {
             let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
             // What the candidates cost, too, once they are known.
-            let most = budget.saturating_sub(answer.spent) / 2;
-            let (ending, work) = self
-                .near
-                .collect(surface, &self.shape, tube, &mut most.into());
+            let most = limit.max_work().saturating_sub(answer.spent) / 2;
+            let (ending, work) = self.near.collect(
+                surface,
+                &self.shape,
+                tube,
+                &mut limit.part(answer.spent, most),
+            );
             answer.work.add(work);
             answer.spent += work.cost();
             if self.near.tube.left() <= 0.0 {
@@ -376,6 +382,6 @@ impl ToolProxy {
                 return None;
             }
         }
-        self.meets_candidates(0, at, budget, answer)
+        self.meets_candidates(0, at, limit, answer)
     }
 }

@@ -27,6 +27,9 @@ pub struct MeshChange {
     is_there: bool,
     /// Whether some of it came since the last tick.
     is_new: bool,
+    /// Whether an earlier tick could not decide face by face: a collection does, over several
+    /// ticks, and the changed faces are those since.
+    is_undecided: bool,
     may_have_met: bool,
     /// Sum of the directions from changed faces to the tool.
     side: DVec3,
@@ -83,6 +86,7 @@ impl MeshChange {
         Self {
             is_there: false,
             is_new: false,
+            is_undecided: false,
             may_have_met: false,
             side: DVec3::ZERO,
             push: 0.0,
@@ -97,14 +101,19 @@ impl MeshChange {
         std::mem::replace(self, Self::new())
     }
 
-    /// The same for a later tick. What this tick could not decide face by face is decided by a
-    /// collection, which goes on over several ticks.
+    /// The same for a later tick, where this one could not decide.
     pub fn kept(self) -> Self {
         Self {
             is_new: false,
-            count: MAX_LISTED + 1,
+            is_undecided: true,
+            count: 0,
             ..self
         }
+    }
+
+    /// Whether an earlier tick could not decide: not only the changed faces matter.
+    pub fn is_undecided(&self) -> bool {
+        self.is_undecided
     }
 
     /// Whether there is a change since the last tick.
@@ -116,7 +125,7 @@ impl MeshChange {
     /// that of this tick, since a geomorph's steps differ and several may move one face. `most`
     /// where too many faces have changed to know.
     pub fn expected_push(&self, most: f64) -> f64 {
-        if self.changed().is_some() {
+        if !self.is_undecided && self.changed().is_some() {
             most.min(2.0 * self.push)
         } else {
             most
@@ -133,7 +142,8 @@ impl MeshChange {
         self.may_have_met
     }
 
-    /// Changed faces near the tool, some of them inactive by now; `None` if they were too many.
+    /// Changed faces near the tool since the last tick, some of them inactive by now; `None` if
+    /// they were too many.
     pub fn changed(&self) -> Option<&[Handle]> {
         self.faces.get(..self.count)
     }
@@ -216,5 +226,92 @@ impl MeshChange {
         let moved = longer(displacement + push).take(LONG_ESCAPES);
         let all = shorter.chain(known).chain(moved);
         all.map(move |escape| side * escape)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::ToolProxy;
+    use super::*;
+    use crate::contact::query::Surface;
+    use crate::contact::tool::{Tool, capsule_mesh};
+    use ab_tree::{AbTree, leaf_key};
+    use geometry::Pose;
+    use glam::DQuat;
+    use spm::Certified;
+
+    /// A plate of squares of side 1 / `SIDE`, each of two faces.
+    const SIDE: u32 = 24;
+
+    fn plate() -> (ActiveMesh, AbTree) {
+        let (row, faces) = (SIDE + 1, 2 * SIDE * SIDE);
+        let mut mesh = ActiveMesh::new(row * row, faces, 0);
+        for v in 0..row * row {
+            let at = [v % row, v / row].map(|k| k as f32 / SIDE as f32);
+            mesh.set_base_vertex(v, [at[0], at[1], 0.0], Certified::EXACT);
+        }
+        let mut tree = AbTree::new(faces);
+        tree.preconstruct(faces);
+        for square in 0..SIDE * SIDE {
+            let a = square / SIDE * row + square % SIDE;
+            let [b, c, d] = [a + 1, a + row, a + row + 1];
+            for (k, corners) in (0..).zip([[a, b, c], [d, c, b]]) {
+                let face = 2 * square + k;
+                let set = mesh.set_base_face(face, corners, [NONE; 3]);
+                set.expect("all are there");
+                tree.insert(face, leaf_key(face, faces));
+            }
+        }
+        tree.refit(|face| mesh.face_box(face));
+        (mesh, tree)
+    }
+
+    /// Ticks until a tool whose surface has changed knows whether it meets it, with a budget for a
+    /// part of what is near: while nothing changes any more, or a face in each tick.
+    fn ticks_to_decide(goes_on: bool) -> u32 {
+        const BUDGET: u32 = 500;
+        let (mesh, tree) = plate();
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let tool = Tool::new(&capsule_mesh(0.1, 0.6, 40, 30)).expect("it is a tool");
+        let orientation = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+        let heights = tool.local_vertices().iter().map(|&v| (orientation * v).z);
+        let lowest = heights.fold(f64::INFINITY, f64::min);
+        let mut proxy = ToolProxy::new(tool, 1.0).expect("it has an extent");
+        let above = 0.1 * proxy.static_offset();
+        let pose = Pose {
+            position: DVec3::new(0.5, 0.5, above - lowest),
+            orientation,
+        };
+        proxy.place(&pose);
+        let _ = proxy.advance(surface, &pose, u32::MAX);
+        proxy.near.invalidate_all();
+        let found = MeshChange {
+            is_there: true,
+            may_have_met: true,
+            ..MeshChange::new()
+        };
+        proxy.mesh_change = found.kept();
+        for tick in 1..200 {
+            if goes_on {
+                proxy.mesh_change.is_new = true;
+                proxy.mesh_change.faces[0] = SIDE * SIDE;
+                proxy.mesh_change.count += 1;
+            }
+            let _ = proxy.advance(surface, &pose, BUDGET);
+            if !proxy.mesh_change.is_there() {
+                return tick;
+            }
+        }
+        200
+    }
+
+    #[test]
+    fn what_several_ticks_decide_is_decided_while_the_surface_changes() {
+        let [alone, beside] = [false, true].map(ticks_to_decide);
+        println!("{alone} ticks, {beside} while faces change");
+        assert!(alone > 3 && beside < 2 * alone, "{alone}, {beside}");
     }
 }

@@ -61,28 +61,38 @@ impl SurfaceFace {
             vertices: links.corners,
             corners,
             normal: normal_of(corners),
-            beyond: corners.map(|_| DVec3::ZERO),
+            // Nothing equals it.
+            beyond: [DVec3::NAN; 3],
             owns_edge: [true; 3],
             asks_edge: [true; 3],
             owns: [false; 3],
             first_pair: 0,
             pairs: 0,
         };
+        made.look_around(mesh);
+        made
+    }
+
+    /// Notes what is beyond its edges: neighbours may have changed where the face has not.
+    fn look_around(&mut self, mesh: &ActiveMesh) {
+        let (corners, links) = (self.corners, mesh.face(self.face));
         for k in 0..3 {
             let on_edge = [links.corners[(k + 1) % 3], links.corners[(k + 2) % 3]];
             let across = links.neighbours[k];
-            made.beyond[k] = corners[(k + 1) % 3];
+            let mut beyond = corners[(k + 1) % 3];
+            let mut owns_edge = true;
             if across != NONE {
                 let others = mesh.face(across).corners;
-                let beyond = others.iter().position(|v| !on_edge.contains(v));
-                if let Some(place) = beyond {
-                    made.beyond[k] = mesh.corners(across)[place];
+                if let Some(&vertex) = others.iter().find(|v| !on_edge.contains(v)) {
+                    beyond = mesh.position(vertex).as_dvec3();
                 }
-                made.owns_edge[k] = face < across;
-                made.asks_edge[k] = made.owns_edge[k] && !is_flat(corners, made.beyond[k]);
+                owns_edge = self.face < across;
+            }
+            if beyond != self.beyond[k] || owns_edge != self.owns_edge[k] {
+                (self.beyond[k], self.owns_edge[k]) = (beyond, owns_edge);
+                self.asks_edge[k] = owns_edge && (across == NONE || !is_flat(corners, beyond));
             }
         }
-        made
     }
 }
 
@@ -354,13 +364,17 @@ impl Neighbourhood {
     fn face_place(&mut self, mesh: &ActiveMesh, face: Handle) -> u32 {
         let (place, is_new) = self.face_places.find_or_add(face, self.faces.len() as u32);
         if is_new {
-            let mut made = SurfaceFace::of(mesh, face);
-            for k in 0..3 {
-                made.owns[k] = self.vertex_places.find_or_add(made.vertices[k], place).1;
-            }
-            self.faces.push(made);
+            let made = SurfaceFace::of(mesh, face);
+            let owns = self.owns_corners(&made, place);
+            self.faces.push(SurfaceFace { owns, ..made });
         }
         place
+    }
+
+    /// The corners that a face owns as the first one listed at them.
+    fn owns_corners(&mut self, face: &SurfaceFace, place: u32) -> [bool; 3] {
+        let first = |vertex| self.vertex_places.find_or_add(vertex, place).1;
+        face.vertices.map(first)
     }
 
     /// Places the tool's vertices.

@@ -61,6 +61,8 @@ pub struct ToolShape {
     pub(super) radius: f64,
     /// Radius of gyration of its surface about the centre.
     pub(super) gyration: f64,
+    /// Centre and radius of gyration in units of the tool.
+    moments: (DVec3, f64),
 }
 
 impl ToolShape {
@@ -68,7 +70,9 @@ impl ToolShape {
     pub fn new(tool: &Tool, scale: f64) -> Self {
         let local: Vec<DVec3> = tool.local_vertices().iter().map(|&p| p * scale).collect();
         let triangles: Vec<[u32; 3]> = (0..tool.faces()).map(|f| tool.triangle(f)).collect();
-        let (centre, gyration) = moments(local.len(), |k| local[k], || triangles.iter().copied());
+        let own = tool.local_vertices();
+        let moments = moments(own.len(), |k| own[k], || triangles.iter().copied());
+        let (centre, gyration) = (moments.0 * scale, moments.1 * scale);
         let points: Vec<DVec3> = local.iter().map(|&p| p - centre).collect();
         let radius = points.iter().fold(0.0f64, |most, p| most.max(p.length()));
 
@@ -128,15 +132,13 @@ impl ToolShape {
             anchor: anchor.unwrap_or(0),
             radius,
             gyration,
+            moments,
         }
     }
 
     /// Rescales the tool.
     pub(super) fn rescale(&mut self, tool: &Tool, scale: f64) {
-        let local = |k: usize| tool.local_vertices()[k] * scale;
-        // The sums of `moments` in the same order.
-        let triangles = || self.faces.iter().map(|face| face.vertices);
-        let (centre, gyration) = moments(self.points.len(), local, triangles);
+        let (centre, gyration) = (self.moments.0 * scale, self.moments.1 * scale);
         for (k, point) in self.points.iter_mut().enumerate() {
             *point = tool.local_vertices()[k] * scale - centre;
         }

@@ -28,9 +28,10 @@ const SKIN_SHARE: f64 = 0.05;
 const AHEAD: f64 = 2.0;
 /// The least part of a step that is made where the budget did not suffice to sweep all of it.
 const MIN_PART: f64 = 0.1;
-/// The part of the budget, one over this, for an update of the candidates; beyond, they are
-/// collected again.
+/// The part of the budget, one over this, for the pairs of changed faces in an update of the
+/// candidates, and for going through their list; beyond, they are collected again.
 const UPDATE_SHARE: u32 = 8;
+const LIST_SHARE: u32 = 2;
 /// Collections per tick that fail for lack of room or budget.
 const MAX_FAILURES: u32 = 3;
 /// Motion at which a tick has converged, as a fraction of the radius of gyration.
@@ -71,7 +72,7 @@ pub(super) struct TickSteps<'a> {
     /// Contact offset, model units.
     pub(super) offset: f64,
     pub(super) budget: u32,
-    limit: Limit<'a>,
+    pub(super) limit: Limit<'a>,
     has_collected: bool,
     failures: u32,
     needs_candidates: bool,
@@ -266,7 +267,9 @@ impl ToolProxy {
             &self.shape,
             (&self.at, &step),
             MIN_SEPARATION * offset,
-            tick.budget.saturating_sub(answer.spent),
+            &mut tick
+                .limit
+                .part(answer.spent, tick.budget.saturating_sub(answer.spent)),
         );
         answer.spent += swept.spent;
         let went_all = share == 1.0 && swept.share == 1.0;
@@ -344,7 +347,7 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<usize> {
-        let most = budget / UPDATE_SHARE;
+        let most = [budget / LIST_SHARE, budget / UPDATE_SHARE];
         let changed = mesh_change.changed();
         let updated = changed.map_or(Updated::Unknown, |changed| {
             let (updated, work) = self.near.update(surface, &self.shape, changed, most);

@@ -11,6 +11,7 @@ use super::contacts::{PASSED, PLACED};
 use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
 use super::shape::ToolShape;
 use crate::contact::motion::{Placement, Twist};
+use crate::contact::query::Limit;
 use geometry::closest_points_of_triangles;
 use glam::{DMat3, DVec3};
 
@@ -63,8 +64,8 @@ pub fn least_cost(near: &Neighbourhood) -> u32 {
 }
 
 /// The free share of a motion of a placed neighbourhood. Pairs keep a distance of `min_separation`
-/// (model units), or of half their distance if they are nearer already. If `most` node pairs are
-/// spent, the remaining pairs are free as far as their separation tells.
+/// (model units), or of half their distance if they are nearer already. Once the limit of node pairs
+/// or of time is reached, the remaining pairs are free as far as their separation tells.
 ///
 /// The pair that seems to stop first is swept first; most others then need no sweep.
 pub fn free_share(
@@ -73,7 +74,7 @@ pub fn free_share(
     shape: &ToolShape,
     (start, motion): (&Placement, &Twist),
     min_separation: f64,
-    most: u32,
+    limit: &mut Limit<'_>,
 ) -> Swept {
     let mut swept = Swept {
         share: 1.0,
@@ -103,8 +104,8 @@ pub fn free_share(
         if until >= swept.share {
             break;
         }
-        let parts = most.saturating_sub(swept.spent + SWEPT) / PART;
-        if parts == 0 {
+        let parts = limit.max_work().saturating_sub(swept.spent + SWEPT) / PART;
+        if parts == 0 || limit.is_reached(swept.spent) {
             swept.is_all = false;
             let room = (now - min_separation).max(0.0) * WITHIN;
             let share = until.max(room / travel);
