@@ -9,7 +9,7 @@
 //! | vertices | position, what is certified | 24 | V0 + 2 a slot |
 //! | faces | corners, neighbours | 24 | F0 + 2 a slot |
 //! | links | i, vs, fn, leaf codes | 32 | 1 a slot |
-//! | states | performed, dependents | 4 | 1 a slot |
+//! | states | performed, moving, dependents | 4 | 1 a slot |
 //! | quarters | what is certified of those of some faces | 12 | as many as there is room for |
 //!
 //! Legality is a property of the front: a split is legal when its dependencies are performed, a
@@ -21,6 +21,7 @@
 //! front stays legal without it.
 
 mod adjacency;
+mod base_mesh;
 mod bounds;
 mod check;
 mod fans;
@@ -37,6 +38,7 @@ use super::certified::Certified;
 use super::quarters::QuarterTable;
 use super::record::VspRecord;
 use ab_tree::{Handle, NONE};
+use base_mesh::BaseLinks;
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
@@ -86,14 +88,27 @@ struct Links {
     leaf_r: u32,
 }
 
+/// Whether a VSP is performed, and whether a vertex of it has a geomorph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+enum Performed {
+    #[default]
+    No,
+    AtRest,
+    Moving,
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct State {
     /// Performed VSPs that depend on this one, counted with repetition.
     dependents: u16,
     loaded: bool,
-    performed: bool,
+    performed: Performed,
 }
+
+/// One for every slot of a cache: there is no room for more.
+const _: () = assert!(size_of::<State>() == 4);
 
 /// Why a split or collapse is not performed. Nothing has changed then.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -125,6 +140,7 @@ pub struct ActiveMesh {
     geomorphs: Vec<Geomorph>,
     active_faces: u32,
     performed: u32,
+    base_links: BaseLinks,
 }
 
 impl ActiveMesh {
@@ -162,6 +178,7 @@ impl ActiveMesh {
             geomorphs: Vec::new(),
             active_faces: 0,
             performed: 0,
+            base_links: BaseLinks::default(),
         }
     }
 
@@ -169,9 +186,10 @@ impl ActiveMesh {
     /// [`ActiveMesh::forget_base_faces`] of all that were in use must follow, in as many steps as
     /// the caller likes, before [`ActiveMesh::reshape`]. Nothing is freed or allocated.
     pub fn begin_clear(&mut self) {
-        self.geomorphs.clear();
+        self.cancel_geomorphs();
         self.active_faces = 0;
         self.performed = 0;
+        self.base_links = BaseLinks::default();
     }
 
     /// Makes slots unused, after [`ActiveMesh::begin_clear`]. Returns their faces.
@@ -204,67 +222,6 @@ impl ActiveMesh {
             "storage is divided while it is empty"
         );
         Some(slots as u32)
-    }
-
-    /// Sets a vertex of the base mesh; position in model units.
-    pub fn set_base_vertex(&mut self, vertex: Handle, position: [f32; 3], certified: Certified) {
-        assert!(vertex < self.base_vertices, "a base vertex out of range");
-        self.vertices[vertex as usize] = Vertex {
-            position: Vec3::from_array(position),
-            certified,
-        };
-    }
-
-    /// Sets a face of the base mesh.
-    ///
-    /// # Errors
-    /// `None` when a corner or neighbour is out of range; the mesh is unchanged then.
-    pub fn set_base_face(
-        &mut self,
-        face: Handle,
-        corners: [Handle; 3],
-        neighbours: [Handle; 3],
-    ) -> Option<()> {
-        let [a, b, c] = corners;
-        let in_range = face < self.base_faces
-            && corners.iter().all(|&v| v < self.base_vertices)
-            && neighbours
-                .iter()
-                .all(|&n| n == NONE || (n < self.base_faces && n != face))
-            && a != b
-            && b != c
-            && c != a;
-        if !in_range {
-            return None;
-        }
-        let place = &mut self.faces[face as usize];
-        if *place == Face::UNUSED {
-            self.active_faces += 1;
-        }
-        *place = Face {
-            corners,
-            neighbours,
-        };
-        Some(())
-    }
-
-    /// Whether the base mesh is complete and its neighbour links agree; a linear pass.
-    #[must_use]
-    pub fn base_is_consistent(&self) -> bool {
-        self.active_faces == self.base_faces
-            && (0..self.base_faces).all(|f| {
-                let face = self.faces[f as usize];
-                (0..3).all(|k| {
-                    let n = face.neighbours[k];
-                    n == NONE
-                        || (0..3).any(|j| {
-                            let other = &self.faces[n as usize];
-                            other.neighbours[j] == f
-                                && other.corners[(j + 1) % 3] == face.corners[(k + 2) % 3]
-                                && other.corners[(j + 2) % 3] == face.corners[(k + 1) % 3]
-                        })
-                })
-            })
     }
 
     /// vt of a slot; vu is the next handle.
@@ -335,7 +292,7 @@ impl ActiveMesh {
     pub fn unload(&mut self, slot: Slot) {
         let state = &mut self.states[slot as usize];
         assert!(
-            state.loaded && !state.performed,
+            state.loaded && state.performed == Performed::No,
             "only a loaded record that is not performed is unloaded"
         );
         *state = State::default();
@@ -384,21 +341,21 @@ impl ActiveMesh {
     #[inline]
     #[must_use]
     pub fn is_performed(&self, slot: Slot) -> bool {
-        self.states[slot as usize].performed
+        self.states[slot as usize].performed != Performed::No
     }
 
     /// Whether the split is legal now.
     #[must_use]
     pub fn split_is_legal(&self, slot: Slot) -> bool {
-        let state = self.states[slot as usize];
-        state.loaded && !state.performed && self.dependencies(slot).all(|d| self.is_performed(d))
+        self.states[slot as usize].loaded
+            && !self.is_performed(slot)
+            && self.dependencies(slot).all(|d| self.is_performed(d))
     }
 
     /// Whether the collapse is legal now.
     #[must_use]
     pub fn collapse_is_legal(&self, slot: Slot) -> bool {
-        let state = self.states[slot as usize];
-        state.performed && state.dependents == 0
+        self.is_performed(slot) && self.states[slot as usize].dependents == 0
     }
 
     /// Number of active faces.
@@ -564,7 +521,11 @@ impl ActiveMesh {
         out.pair_count = 1 + usize::from(links.leaf_r != NONE);
         out.leaves = [links.leaf_l, links.leaf_r];
         out.made = performed;
-        self.states[slot as usize].performed = performed;
+        self.states[slot as usize].performed = if performed {
+            Performed::AtRest
+        } else {
+            Performed::No
+        };
         for dependency in self.dependencies(slot) {
             let count = &mut self.states[dependency as usize].dependents;
             *count = if performed { *count + 1 } else { *count - 1 };

@@ -28,7 +28,7 @@ use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::RADII_AROUND;
 use crate::work::TickWork;
 use scene::{RefinementPlan, ScenePlan};
-use spm::{NONE, OperationFaces, RegionId};
+use spm::{Handle, NONE, OperationFaces, RegionId};
 
 /// The model that the front approximates.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -105,6 +105,9 @@ pub struct Front {
     pub(super) reached: Vec<(usize, PerceptionLimit)>,
     /// Share of each probe's limit that is used up in this tick.
     pub(super) used: Vec<f64>,
+    /// The vertex whose geomorph has the first turn, since the time of the last tick was over
+    /// before it had one.
+    pub(super) without_turn: Option<Handle>,
     pub(super) pressure: MemoryPressure,
     /// While the cache is over its limit: the least bytes in use so far, and since which tick.
     pub(super) excess: Option<(usize, u64)>,
@@ -144,6 +147,7 @@ impl Front {
             faces_of_sibling: OperationFaces::new(),
             reached: Vec::with_capacity(probes * MAX_BALLS),
             used: vec![0.0; probes],
+            without_turn: None,
             pressure: MemoryPressure::new(horizons.pressure),
             excess: None,
             horizons,
@@ -163,6 +167,7 @@ impl Front {
         self.wanted.clear();
         self.queue.clear();
         self.predictions.clear();
+        self.without_turn = None;
         self.pressure = MemoryPressure::new(self.horizons.pressure);
         self.last_block = None;
         if let Detail::Splits(share) = &mut self.detail {

@@ -4,7 +4,7 @@
 use super::front::Front;
 use crate::budget::Budget;
 use crate::perception::{
-    AROUND, NEAR_FACTOR, PerceptionLimit, allowed_share, box_of, excess, is_perceptible,
+    AROUND, NEAR_FACTOR, PerceptionLimit, Step, allowed_share, box_of, excess, is_perceptible,
     may_come_near, space_of, turns_over,
 };
 use crate::probe::contacts::Contacts;
@@ -55,20 +55,32 @@ pub enum CollapseOutcome {
 }
 
 impl Front {
-    /// Steps every geomorph; then collapses the pairs whose vertices have come to their parents.
+    /// Steps every geomorph, unless the time is over before; then collapses the pairs whose
+    /// vertices have come to their parents.
     pub(super) fn step_geomorphs(
         &mut self,
         tick: u64,
         budget: &mut Budget,
         contacts: &mut Contacts,
     ) {
-        let count = self.cache.mesh().geomorphs().len();
+        let geomorphs = self.cache.mesh().geomorphs();
+        let count = geomorphs.len();
+        let waits = self.without_turn.take();
+        let waits = waits.and_then(|of| geomorphs.iter().position(|one| one.vertex() == of));
         let max_steps = (budget.operations * STEPS_PER_OPERATION) as usize;
         // Where a tick has no time for all, they take turns.
         let is_short = count > max_steps || count > (budget.faces / LARGE_FACES) as usize;
-        let first = if is_short { tick as usize } else { 0 };
+        let first = waits.unwrap_or(if is_short { tick as usize } else { 0 });
         let (mut steps, mut k) = (0, 0);
         while k < count && steps < max_steps && budget.faces > 0 {
+            // One moves in any case, so that a machine that is always late gets on.
+            if steps > 0 && budget.is_over() {
+                let geomorphs = self.cache.mesh().geomorphs();
+                let mut left = (k..count).map(|k| &geomorphs[(first + k) % count]);
+                let next = left.find(|geomorph| geomorph.done() < 1.0);
+                self.without_turn = next.map(Geomorph::vertex);
+                break;
+            }
             steps += self.step_geomorph((first + k) % count, budget, contacts);
             k += 1;
         }
@@ -186,6 +198,9 @@ impl Front {
         sibling: Option<usize>,
         contacts: &mut Contacts,
     ) -> f64 {
+        if contacts.limits.is_empty() {
+            return 1.0;
+        }
         let mesh = self.cache.mesh();
         let Self {
             faces,
@@ -197,16 +212,21 @@ impl Front {
         let of_sibling = sibling.map(|index| mesh.geomorphs()[index]);
         let step = (geomorph, &*faces);
         let second = of_sibling.map(|other| (other, &*faces_of_sibling));
+        let box_of_step = |(geomorph, around): Step<'_>| {
+            let end = mesh.geomorph_target(&geomorph).as_dvec3();
+            box_of(mesh, around.deformed(), [end])
+        };
+        let own_box = box_of_step(step);
+        let boxes = [own_box, second.map_or(own_box, box_of_step)];
         let steps = [step, second.unwrap_or(step)];
-        let steps = &steps[..1 + usize::from(second.is_some())];
+        let count = 1 + usize::from(second.is_some());
+        let (steps, boxes) = (&steps[..count], &boxes[..count]);
         let mut share: f64 = 1.0;
         for k in 0..contacts.limits.len() {
             let (probe, limit) = contacts.limits[k];
-            let is_reached = steps.iter().any(|(geomorph, around)| {
-                let end = mesh.geomorph_target(geomorph).as_dvec3();
-                let space = box_of(mesh, around.deformed(), [end]);
-                limit.reaches(space) && contacts.may_reach(probe, space, AROUND)
-            });
+            let is_reached = boxes
+                .iter()
+                .any(|&space| limit.reaches(space) && contacts.may_reach(probe, space, AROUND));
             if is_reached {
                 share = share.min(allowed_share(mesh, steps, &limit));
                 used[probe] = 1.0;

@@ -42,8 +42,9 @@ impl Front {
         self.pressure.may_ask(tick)
     }
 
-    /// Predicted regions that are to be requested, most urgent first. `waiting`: received chunks
-    /// that wait for the tick. The cache is given back, since the subscriber enters them.
+    /// Predicted regions that are to be requested, most urgent first; they are put in order when
+    /// they are asked for. `waiting`: received chunks that wait for the tick. The cache is given
+    /// back, since the subscriber enters them.
     pub fn requests(
         &mut self,
         may_request: bool,
@@ -53,15 +54,9 @@ impl Front {
         // needed next.
         let may_prefetch =
             self.pressure.may_prefetch() && self.time_steps == 0 && waiting < MAX_WAITING;
-        let unknown = if may_request {
-            self.predictions.unknown()
-        } else {
-            &[]
-        };
-        let wanted = unknown
-            .iter()
-            .filter(move |of| of.is_needed || may_prefetch)
-            .copied();
+        let unknown = self.predictions.unknown(may_request);
+        // Behind the first that is only ahead are no others.
+        let wanted = unknown.take_while(move |of| of.is_needed || may_prefetch);
         (&mut self.cache, wanted)
     }
 

@@ -4,6 +4,8 @@ use super::predict::{ALL_TURNS, Predicted, TURNS};
 use crate::cache::{Cache, RegionKey};
 use crate::tuning::lod::MAX_WANTED;
 use crate::tuning::prediction::MAX_UNKNOWN;
+use protocol::REGIONS_PER_REQUEST;
+use std::cmp::Ordering;
 
 /// A predicted region that is not in the table.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -18,6 +20,68 @@ pub struct Unknown {
     pub is_needed: bool,
     /// Tick when it was predicted.
     predicted: u64,
+}
+
+impl Unknown {
+    /// Those to refine first, those due first, of these the coarser first.
+    fn by_urgency(&self, other: &Self) -> Ordering {
+        let [own, others] = [self, other].map(|of| of.key.tolerance_bits);
+        other
+            .is_needed
+            .cmp(&self.is_needed)
+            .then(self.due.total_cmp(&other.due))
+            .then(others.cmp(&own))
+            .then(self.key.cmp(&other.key))
+    }
+}
+
+/// Predicted regions, the most urgent first. They are put in order as far as they are looked at:
+/// most requests need few of them, and most ticks make none.
+#[derive(Debug)]
+pub(super) struct ByUrgency<'a> {
+    all: &'a mut [Unknown],
+    /// Of these, from the first on, given, and in order.
+    given: usize,
+    ordered: usize,
+    /// Put in order at once the next time.
+    part: usize,
+}
+
+impl<'a> ByUrgency<'a> {
+    fn new(all: &'a mut [Unknown]) -> Self {
+        Self {
+            all,
+            given: 0,
+            ordered: 0,
+            part: REGIONS_PER_REQUEST,
+        }
+    }
+
+    /// Puts the next part in order. Parts double, so that all of them cost about as much as one
+    /// sort.
+    fn order_next(&mut self) {
+        let rest = &mut self.all[self.ordered..];
+        let part = self.part.min(rest.len());
+        if part < rest.len() {
+            rest.select_nth_unstable_by(part, Unknown::by_urgency);
+        }
+        rest[..part].sort_unstable_by(Unknown::by_urgency);
+        self.ordered += part;
+        self.part = self.part.saturating_mul(2);
+    }
+}
+
+impl Iterator for ByUrgency<'_> {
+    type Item = Unknown;
+
+    fn next(&mut self) -> Option<Unknown> {
+        if self.given == self.ordered {
+            self.order_next();
+        }
+        let next = self.all[..self.ordered].get(self.given).copied();
+        self.given += usize::from(next.is_some());
+        next
+    }
 }
 
 /// Regions that the predictions named: in a tick, and in those since the last questions.
@@ -101,17 +165,10 @@ impl Predictions {
         }
     }
 
-    /// Regions to request: those to refine first, those due first, of these the coarser first.
-    pub(super) fn unknown(&mut self) -> &[Unknown] {
-        self.unknown.sort_unstable_by(|a, b| {
-            a.is_needed
-                .cmp(&b.is_needed)
-                .reverse()
-                .then(a.due.total_cmp(&b.due))
-                .then(a.key.tolerance_bits.cmp(&b.key.tolerance_bits).reverse())
-                .then(a.key.cmp(&b.key))
-        });
-        &self.unknown
+    /// Regions to request, the most urgent first; none where none `may_be` requested.
+    pub(super) fn unknown(&mut self, may_be: bool) -> ByUrgency<'_> {
+        let count = if may_be { self.unknown.len() } else { 0 };
+        ByUrgency::new(&mut self.unknown[..count])
     }
 }
 
@@ -141,7 +198,7 @@ mod tests {
                 };
                 predictions.note(predicted, tick, &mut cache);
             }
-            predictions.unknown().to_vec()
+            predictions.unknown(true).collect::<Vec<_>>()
         };
         // A local link is asked in every tick.
         for between in [0, 1] {
@@ -152,5 +209,33 @@ mod tests {
         assert_eq!(all.len() as u64, ALL_TURNS);
         assert!(all.is_sorted_by(|a, b| (!a.is_needed, a.due) < (!b.is_needed, b.due)));
         assert!(all.iter().all(|of| of.leaves == of.due + 4.0));
+    }
+
+    #[test]
+    fn regions_come_in_order_of_urgency_and_are_left_alone_where_none_is_asked_for() {
+        let unknown = |k: u32| Unknown {
+            key: RegionKey::prefix(k),
+            due: f64::from(k.wrapping_mul(2_654_435_761) % 97),
+            leaves: 0.0,
+            is_needed: k.is_multiple_of(3),
+            predicted: 0,
+        };
+        for count in [0, 1, 31, 32, 33, 96, 97, 1000] {
+            let mut predictions = Predictions::new(2);
+            predictions.unknown.extend((0..count).map(unknown));
+            let before = predictions.unknown.clone();
+            assert_eq!(predictions.unknown(false).next(), None);
+            assert_eq!(predictions.unknown(true).given, 0);
+            assert_eq!(predictions.unknown, before);
+            let mut sorted = before;
+            sorted.sort_by(Unknown::by_urgency);
+            // A part of them does not disturb the next time.
+            let first: Vec<_> = predictions.unknown(true).take(40).collect();
+            assert_eq!(first, sorted[..first.len()]);
+            assert_eq!(first.len(), sorted.len().min(40));
+            let mut all = predictions.unknown(true);
+            assert_eq!(all.by_ref().collect::<Vec<_>>(), sorted);
+            assert_eq!(all.next(), None, "of {count}");
+        }
     }
 }

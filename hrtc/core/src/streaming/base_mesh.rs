@@ -33,6 +33,7 @@ impl Session {
             match begin_model(chunk, of, context) {
                 Ok(header) => {
                     self.progress.header = Some(header);
+                    self.progress.measures = BaseMeasures::default();
                     self.progress.model_slots = MODEL_HEADER_SLOTS as u32;
                 }
                 Err(fault) => {
@@ -74,8 +75,9 @@ impl Session {
                 return Taken::Part;
             }
             let slot = &chunk.slots[slot as usize];
-            let units = &mut context.budget.ingest;
-            if !take_base_slot(&mut of.front.cache, header, place, slot, units) {
+            let (cache, units) = (&mut of.front.cache, &mut context.budget.ingest);
+            let measures = &mut self.progress.measures;
+            if !take_base_slot(cache, header, (place, slot), units, measures) {
                 self.fault = Some(Fault::DamagedModel);
                 return Taken::Whole;
             }
@@ -126,7 +128,8 @@ impl Session {
     }
 
     /// Loads more of a stored base mesh, while the object becomes active; with half of the tick's
-    /// budget at the most, so that records for other objects go on arriving.
+    /// budget at the most, so that records for other objects go on arriving. Where there is time
+    /// for one or the other only, they take turns.
     pub fn load_stored(&mut self, of: &mut Receiver<'_>, context: &mut TickContext<'_, '_>) {
         let Some(mut place) = self.loading else {
             return;
@@ -137,17 +140,16 @@ impl Session {
         ) else {
             return;
         };
-        let least = context.budget.ingest / 2;
+        let ingest = context.budget.ingest;
+        if ingest < MIN_UNITS + MAX_SLOT_UNITS && !context.tick.is_multiple_of(2) {
+            return;
+        }
+        let least = (ingest / 2).min(ingest.saturating_sub(MIN_UNITS));
         while place < slots.len() && context.budget.ingest >= least + MIN_UNITS {
             let slot = &slots[place];
-            let units = &mut context.budget.ingest;
-            if !take_base_slot(
-                &mut of.front.cache,
-                &model.header,
-                place as u32,
-                slot,
-                units,
-            ) {
+            let (cache, units) = (&mut of.front.cache, &mut context.budget.ingest);
+            let (slot, measures) = ((place as u32, slot), &mut self.progress.measures);
+            if !take_base_slot(cache, &model.header, slot, units, measures) {
                 self.fault = Some(Fault::DamagedModel);
                 return;
             }
@@ -181,7 +183,12 @@ impl Session {
             }
             Some(known) => *known,
             None => {
-                let model = measured_model(&of.front.cache, header);
+                let BaseMeasures { radius_max, area } = self.progress.measures;
+                let model = Model {
+                    header,
+                    radius_max: f64::from(radius_max),
+                    area,
+                };
                 context.store.insert(instance.model, model);
                 model
             }
@@ -212,13 +219,23 @@ fn begin_model(
     Ok(header)
 }
 
+/// What is measured of a base mesh while it arrives; model units.
+#[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
+pub(super) struct BaseMeasures {
+    radius_max: f32,
+    area: f64,
+}
+
+/// Work units of a slot at the most: that of two base faces.
+const MAX_SLOT_UNITS: u32 = 2 * UNITS_PER_ITEM;
+
 /// Takes a slot of base vertices or base faces; false when its numbers are invalid.
 fn take_base_slot(
     cache: &mut Cache,
     header: &ModelHeader,
-    place: u32,
-    slot: &ChunkSlot,
+    (place, slot): (u32, &ChunkSlot),
     units: &mut u32,
+    measures: &mut BaseMeasures,
 ) -> bool {
     let faces_from = first_face_slot(header) as u32;
     if place < faces_from {
@@ -226,27 +243,23 @@ fn take_base_slot(
         let items: &[BaseVertex; 4] = bytemuck::cast_ref(&slot.words);
         let count = 4.min(header.base_vertices - first);
         *units -= UNITS_PER_ITEM;
-        (0..count).all(|k| cache.set_base_vertex(first + k, &items[k as usize]))
+        (0..count).all(|k| {
+            let is_set = cache.set_base_vertex(first + k, &items[k as usize]);
+            let radius = cache.mesh().radius(first + k);
+            measures.radius_max = measures.radius_max.max(radius);
+            is_set
+        })
     } else {
         let first = 2 * (place - faces_from);
         let items: &[BaseFace; 2] = bytemuck::cast_ref(&slot.words);
         let count = 2.min(header.base_faces - first);
-        *units -= 2 * UNITS_PER_ITEM;
-        (0..count).all(|k| cache.set_base_face(first + k, &items[k as usize]))
-    }
-}
-
-/// The model of a base mesh that has just arrived.
-fn measured_model(cache: &Cache, header: ModelHeader) -> Model {
-    let mesh = cache.mesh();
-    let radius_max = (0..header.base_vertices)
-        .map(|v| mesh.radius(v))
-        .fold(0.0f32, f32::max);
-    Model {
-        header,
-        radius_max: f64::from(radius_max),
-        area: (0..header.base_faces)
-            .map(|face| triangle_area(mesh.corners(face)))
-            .sum(),
+        *units -= MAX_SLOT_UNITS;
+        (0..count).all(|k| {
+            let is_set = cache.set_base_face(first + k, &items[k as usize]);
+            if is_set {
+                measures.area += triangle_area(cache.mesh().corners(first + k));
+            }
+            is_set
+        })
     }
 }

@@ -11,6 +11,7 @@
 //! | `answers` | closures and records into the cache |
 
 use super::Fault;
+use super::base_mesh::BaseMeasures;
 use super::chunk::InboxChunk;
 use super::link_meter::LinkMeter;
 use super::outbox::Outbox;
@@ -63,8 +64,9 @@ pub(super) struct Progress {
     pub reader: Option<AnswersReader>,
     /// Slots of the base mesh that are done.
     pub model_slots: u32,
-    /// Header of a model whose base mesh is incomplete.
+    /// Header of a model whose base mesh is incomplete, and what is measured of that so far.
     pub header: Option<ModelHeader>,
+    pub measures: BaseMeasures,
     /// Ticks for which the next record has waited for room.
     pub waited: u32,
 }

@@ -4,6 +4,7 @@
 mod common;
 
 mod a_ball_in_a_convex_edge_slides_on;
+mod a_stored_base_mesh_loads_in_any_tick;
 mod cache_limit;
 mod contact_is_at_full_resolution;
 mod folds_are_passed;

@@ -2,9 +2,15 @@
 //! however contact, tolerance, link or cache interrupt geomorphs, the front ends as that of a fresh
 //! start.
 
-use crate::common::{Place, World, faulty, places_on_tour, plan, rest, spm, world};
-use simulator::{LinkModel, Random, refined_front};
-use spm::NONE;
+use crate::common::{
+    Place, World, faulty, places_on_tour, plan, rest, scene_plan, scene_world, settle, spm, world,
+};
+use geometry::Pose;
+use glam::DVec3;
+use haptic_device::Sample;
+use hrtc_core::{Stage, StageObserver, Timed};
+use simulator::{Drive, LinkModel, Random, refined_front};
+use spm::{Handle, NONE};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
@@ -151,4 +157,58 @@ fn a_contact_in_a_geomorph_is_reported_as_unfinished() {
         world.summary().last.contact_full && on_the_way > 0,
         "{on_the_way}"
     );
+}
+
+/// The time for refinement is over when it begins, in every tick.
+#[derive(Default)]
+struct Late {
+    refines: bool,
+}
+
+impl StageObserver for Late {
+    fn ended(&mut self, stage: Stage) {
+        self.refines = stage == Stage::Inbox;
+    }
+
+    fn is_over(&mut self, work: Timed) -> bool {
+        self.refines && work == Timed::Refinement
+    }
+}
+
+#[test]
+fn where_ticks_are_late_geomorphs_take_turns() {
+    const SIDES: [DVec3; 4] = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::NEG_X];
+    let ball = spm(generate(Shape::Sphere, 20_000, 1), &BuildOptions::default());
+    let mut plan = scene_plan(&[("ball", 0.1, DVec3::ZERO)], SIDES.len(), 16 << 20);
+    plan.accuracy.tolerance_m = 2e-3;
+    let mut world = scene_world(&plan, &[("ball", &ball)], 0.0);
+    // First above the ball of 5 cm, then 3 mm in it.
+    for radius in [0.06, 0.048] {
+        settle(&mut world, &SIDES.map(|side| Some(radius * side)));
+    }
+    let pressed = SIDES.map(|side| Some(Sample::at(Pose::at(0.048 * side))));
+    let under_way = |world: &World| -> Vec<(Handle, f64)> {
+        let geomorphs = world.controller().cache().mesh().geomorphs().iter();
+        let moving = geomorphs.filter(|of| !of.is_to_parent() && of.done() < 1.0);
+        moving.map(|of| (of.vertex(), of.done())).collect()
+    };
+    world.controller_mut().set_tolerance(0.0);
+    let start = world.tick();
+    // Two pairs at the least.
+    while under_way(&world).len() < 4 {
+        world.step_each(&pressed);
+        assert!(world.tick() < start + MAX_TICKS, "they begin");
+    }
+    let before = under_way(&world);
+    let mut moved_after = |ticks: usize| {
+        for _ in 0..ticks {
+            world.advance(Drive::Samples(&pressed), &mut Late::default());
+        }
+        let now = under_way(&world);
+        let stays = |of: &&(Handle, f64)| now.contains(of);
+        before.len() - before.iter().filter(stays).count()
+    };
+    let of_one_tick = moved_after(1);
+    assert!((1..=2).contains(&of_one_tick), "{of_one_tick} moved");
+    assert_eq!(moved_after(before.len()), before.len());
 }

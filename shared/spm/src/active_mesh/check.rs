@@ -1,6 +1,6 @@
 //! Every invariant of an active mesh, for tests.
 
-use super::{ActiveMesh, Handle, NONE};
+use super::{ActiveMesh, Handle, NONE, Performed};
 
 impl ActiveMesh {
     /// Handles of all active faces.
@@ -58,6 +58,25 @@ impl ActiveMesh {
                     self.id(slot)
                 );
             }
+        }
+        self.check_motion();
+    }
+
+    /// A slot moves exactly while one of its vertices has a geomorph; no base vertex has one.
+    fn check_motion(&self) {
+        let mut moves = vec![false; self.states.len()];
+        for geomorph in self.geomorphs() {
+            let Some(slot) = self.creator_of_vertex(geomorph.vertex()) else {
+                panic!("base vertex {} has a geomorph", geomorph.vertex());
+            };
+            moves[slot as usize] = true;
+        }
+        for (slot, (state, moves)) in self.states.iter().zip(moves).enumerate() {
+            assert_eq!(
+                state.performed == Performed::Moving,
+                moves,
+                "the vertices of slot {slot}"
+            );
         }
     }
 }

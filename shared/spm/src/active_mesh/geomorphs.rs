@@ -11,7 +11,7 @@
 //! between: no point of a face moves farther than the corner that moves farthest.
 
 use super::super::certified::Certified;
-use super::{ActiveMesh, Handle, OperationFaces, Slot, Vertex};
+use super::{ActiveMesh, Handle, OperationFaces, Performed, Slot, Vertex};
 use glam::{DVec3, Vec3};
 
 /// The geomorph of one vertex.
@@ -99,6 +99,7 @@ impl ActiveMesh {
                 },
             };
             self.start_segment(self.geomorphs.len() - 1, at, home, false);
+            self.note_motion(vertex, Performed::Moving);
         }
     }
 
@@ -124,6 +125,7 @@ impl ActiveMesh {
                 self.geomorphs.len() - 1
             });
             self.start_segment(index, at, parent, true);
+            self.note_motion(vertex, Performed::Moving);
         }
     }
 
@@ -224,8 +226,18 @@ impl ActiveMesh {
     /// Finishes the geomorphs that have reached their own positions. Those at their parent wait for
     /// the collapse.
     pub fn finish_geomorphs(&mut self) {
-        self.geomorphs
-            .retain(|geomorph| geomorph.to_parent || geomorph.done < 1.0);
+        let stays = |geomorph: &Geomorph| geomorph.to_parent || geomorph.done < 1.0;
+        for k in 0..self.geomorphs.len() {
+            let geomorph = self.geomorphs[k];
+            if !stays(&geomorph) {
+                self.note_motion(geomorph.vertex, Performed::AtRest);
+            }
+        }
+        self.geomorphs.retain(stays);
+        // The other vertex of such a slot may still be on its way.
+        for k in 0..self.geomorphs.len() {
+            self.note_motion(self.geomorphs[k].vertex, Performed::Moving);
+        }
     }
 
     /// Index of the geomorph of the other vertex of the same split.
@@ -258,12 +270,38 @@ impl ActiveMesh {
     /// Cancels the geomorph of a vertex, if any, and restores the position and R of the file.
     pub(super) fn cancel_geomorph(&mut self, vertex: Handle) {
         if let Some(index) = self.geomorph_of(vertex) {
-            let geomorph = self.geomorphs.swap_remove(index);
+            let geomorph = self.geomorphs[index];
+            let sibling = self.sibling_geomorph(&geomorph);
+            self.geomorphs.swap_remove(index);
             self.vertices[vertex as usize] = geomorph.home;
+            if sibling.is_none() {
+                self.note_motion(vertex, Performed::AtRest);
+            }
+        }
+    }
+
+    /// Drops all geomorphs; the vertices stay where they are.
+    pub(super) fn cancel_geomorphs(&mut self) {
+        while let Some(geomorph) = self.geomorphs.pop() {
+            self.note_motion(geomorph.vertex, Performed::AtRest);
+        }
+    }
+
+    /// Notes whether a vertex of the performed slot of this one has a geomorph.
+    fn note_motion(&mut self, vertex: Handle, performed: Performed) {
+        if let Some(slot) = self.creator_of_vertex(vertex) {
+            self.states[slot as usize].performed = performed;
         }
     }
 
     pub(super) fn geomorph_of(&self, vertex: Handle) -> Option<usize> {
+        // Most vertices are known to be at rest without a search; those of the base mesh always
+        // are.
+        let slot = self.creator_of_vertex(vertex)?;
+        let state = self.states.get(slot as usize)?;
+        if state.performed != Performed::Moving {
+            return None;
+        }
         self.geomorphs
             .iter()
             .position(|geomorph| geomorph.vertex == vertex)

@@ -258,3 +258,87 @@ fn a_step_of_a_vertex_sweeps_the_points_between_the_surfaces() {
     assert_eq!(passed, 1, "it is passed once");
     assert!(mesh.geomorphs().is_empty());
 }
+
+/// In any order, whichever face is set again: what the links of all faces say at the end.
+#[test]
+fn the_base_mesh_is_consistent_where_all_links_are_mutual() {
+    let face = |k: u32| {
+        (
+            [0, 1 + k, 1 + (k + 1) % 6],
+            [NONE, (k + 1) % 6, (k + 5) % 6],
+        )
+    };
+    let mut mesh = hexagon(1);
+    let mut set = |k: u32, (corners, neighbours): ([u32; 3], [u32; 3])| {
+        mesh.set_base_face(k, corners, neighbours).unwrap();
+        mesh.base_is_consistent()
+    };
+    assert!(set(3, face(3)), "the same again");
+    let ([a, b, c], [x, y, z]) = face(3);
+    // A link to nowhere, to a face that is elsewhere, and a face that is turned over.
+    assert!(!set(3, ([a, b, c], [x, NONE, z])));
+    assert!(set(3, face(3)));
+    assert!(!set(3, ([a, b, c], [1, y, z])));
+    assert!(set(3, face(3)));
+    assert!(!set(3, ([a, c, b], [x, y, z])));
+    assert!(set(3, face(3)));
+    // Faces that have not come yet, in another order.
+    mesh.begin_clear();
+    mesh.forget_base_faces(0..6);
+    for (count, k) in (1..).zip([4, 0, 5, 2, 1, 3]) {
+        let (corners, neighbours) = face(k);
+        mesh.set_base_face(k, corners, neighbours).unwrap();
+        assert_eq!(mesh.base_is_consistent(), count == 6);
+    }
+}
+
+/// Also where one vertex of a split finishes, or is split itself, before the other.
+#[test]
+fn a_face_moves_exactly_while_a_corner_has_a_geomorph() {
+    let mut mesh = hexagon(2).with_geomorphs(4);
+    mesh.set_base_vertex(0, [0.0, 0.0, 0.5], Certified::EXACT);
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [Certified::EXACT; 2]);
+    // Of vertex 7, vt of the first: between faces 0 and 1, and between 2 and 7.
+    mesh.load(1, &record(1, 3), 7, [1, 0, 2, 7], [Certified::EXACT; 2]);
+    let mut out = OperationFaces::new();
+    let moving = |mesh: &ActiveMesh| {
+        mesh.check();
+        let moving: Vec<Handle> = mesh.geomorphs().iter().map(Geomorph::vertex).collect();
+        for face in 0..10 {
+            let mut corners = mesh.face(face).corners.iter();
+            let expected = corners.any(|corner| moving.contains(corner));
+            assert_eq!(mesh.any_geomorphing(&[face]), expected, "face {face}");
+        }
+        moving.len()
+    };
+    mesh.split(0, &mut out).unwrap();
+    assert_eq!(moving(&mesh), 0);
+    mesh.start_split_geomorph(&out);
+    assert_eq!(moving(&mesh), 2);
+    for left in [1, 0] {
+        let geomorph = mesh.geomorphs()[0];
+        mesh.faces_around_geomorph(&geomorph, &mut out).unwrap();
+        mesh.step_geomorph(0, 1.0, &out);
+        mesh.finish_geomorphs();
+        assert_eq!(moving(&mesh), left);
+    }
+    mesh.start_collapse_geomorph(0);
+    assert_eq!(moving(&mesh), 2);
+    mesh.reverse_geomorphs(0);
+    mesh.split(1, &mut out).unwrap();
+    assert_eq!(moving(&mesh), 1, "vertex 8");
+    mesh.start_split_geomorph(&out);
+    assert_eq!(moving(&mesh), 3);
+    mesh.collapse(1, &mut out).unwrap();
+    assert_eq!(moving(&mesh), 1);
+    advance_all(&mut mesh, 1.0, &mut out);
+    assert_eq!(moving(&mesh), 0);
+    mesh.start_collapse_geomorph(0);
+    mesh.collapse(0, &mut out).unwrap();
+    assert_eq!(moving(&mesh), 0);
+    mesh.split(0, &mut out).unwrap();
+    mesh.start_split_geomorph(&out);
+    mesh.begin_clear();
+    assert!(mesh.geomorphs().is_empty());
+    assert_eq!(mesh.states[0].performed, Performed::AtRest);
+}
