@@ -6,8 +6,12 @@ use serde::{Deserialize, Serialize};
 /// Costs of the units of counted work on a machine, nanoseconds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WorkCosts {
-    /// What every tick does once: sampling, broad phase, limits, records.
+    /// What every tick does once: sampling, limits, records.
     pub tick: f64,
+    /// The box of an object against the ball around a probe.
+    pub box_test: f64,
+    /// A step of a body that is awake, and its place in the broad phase.
+    pub body: f64,
     /// Prediction for a pair of a probe and an object.
     pub prediction: f64,
     /// A unit of received data.
@@ -59,7 +63,7 @@ impl QueryWork {
 /// Stages whose costs are measured together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CostGroup {
-    /// [`WorkCosts::tick`].
+    /// [`WorkCosts::tick`], `box_test` and `body`.
     Tick,
     /// [`WorkCosts::prediction`], `received` and `request`.
     Inbox,
@@ -77,10 +81,14 @@ impl CostGroup {
 impl WorkCosts {
     /// Of the reference machine (AMD EPYC, 2 cores), from runs on the dragon and on a terrain of
     /// ten million faces in 16 MiB; those of the queries stand to each other as a fit of the times
-    /// of ticks by their counts says (dragon and bunny, ball and tool). What a run without a
-    /// measurement counts with, so that a simulation has the same budgets everywhere.
+    /// of ticks by their counts says (dragon and bunny, ball and tool). Three balls among a
+    /// thousand boxes take 4 µs ([`crate::active::broad_phase`]), 128 bodies 50 µs
+    /// ([`scene::MAX_MOVABLES`]). What a run without a measurement counts with, so that a
+    /// simulation has the same budgets everywhere.
     pub const REFERENCE: Self = Self {
         tick: 5_000.0,
+        box_test: 1.5,
+        body: 400.0,
         prediction: 2_000.0,
         received: 50.0,
         request: 4_000.0,
@@ -114,6 +122,8 @@ impl WorkCosts {
         let [tick, inbox, refine, query] = by_group;
         Self {
             tick: self.tick * tick,
+            box_test: self.box_test * tick,
+            body: self.body * tick,
             prediction: self.prediction * inbox,
             received: self.received * inbox,
             request: self.request * inbox,
@@ -136,9 +146,11 @@ impl WorkCosts {
 
     /// The costs by name.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, f64); 10] {
+    pub fn named(&self) -> [(&'static str, f64); 12] {
         [
             ("tick", self.tick),
+            ("box_test", self.box_test),
+            ("body", self.body),
             ("prediction", self.prediction),
             ("received", self.received),
             ("request", self.request),

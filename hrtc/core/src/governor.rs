@@ -4,7 +4,7 @@
 //! Every unit of counted work has a cost on this machine ([`WorkCosts`]). A tick may spend a
 //! share of its period, `TIME_SHARE` at most, in units by these costs ([`TickTime`]):
 //!
-//! 1. what every tick does (pairs, limits of force) is taken off first,
+//! 1. what every tick does ([`TickLoad`], limits of force) is taken off first,
 //! 2. then what the contacts took of late, at most `CONTACT_SHARE` of the rest,
 //! 3. received data, splits and collapses share what is left, the most urgent region first: at
 //!    least one collapse has time, else a surface that is too fine for the machine could never be
@@ -180,6 +180,43 @@ impl TickTime {
     }
 }
 
+/// What a tick does in any case.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct TickLoad {
+    /// Pairs of a ball, and of a tool, and an object near it.
+    pub pairs: [usize; 2],
+    /// Boxes that the broad phase compares.
+    pub box_tests: usize,
+    /// Steps of bodies.
+    pub body_steps: usize,
+    /// Closure entries that it has gone through already.
+    pub entries: u32,
+}
+
+impl TickLoad {
+    /// Of so many pairs of a ball and of a tool, objects and probes, and steps of bodies.
+    #[must_use]
+    pub fn new(pairs: [usize; 2], objects: usize, probes: usize, body_steps: usize) -> Self {
+        Self {
+            pairs,
+            // A single object always counts as near.
+            box_tests: if objects > 1 { objects * probes } else { 0 },
+            body_steps,
+            entries: 0,
+        }
+    }
+}
+
+/// Pairs alone: a single object that does not move.
+impl From<[usize; 2]> for TickLoad {
+    fn from(pairs: [usize; 2]) -> Self {
+        Self {
+            pairs,
+            ..Self::default()
+        }
+    }
+}
+
 /// What probes ask of a tick on a machine, before it runs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TickNeed {
@@ -194,25 +231,27 @@ pub struct TickNeed {
 }
 
 impl TickNeed {
-    /// Of balls and tools, each near one object, in ticks of a period (seconds) with so many
-    /// operations at the most.
+    /// Of balls and tools, boxes and bodies, in ticks of a period (seconds) with so many operations
+    /// at the most.
     #[must_use]
     pub fn new(
         costs: WorkCosts,
         period_s: f64,
         max_operations: usize,
-        [balls, tools]: [usize; 2],
+        load: impl Into<TickLoad>,
     ) -> Self {
+        let load = load.into();
         let mut governor = Governor::new(period_s, max_operations);
         governor.set_costs(costs);
-        governor.begin_tick([balls, tools]);
+        governor.begin_tick(load);
         let fixed_ns = governor.time.spent.total();
+        let [balls, tools] = load.pairs;
         let units = [
             balls as f64 * USUAL_BALL_UNITS * governor.costs.ball,
             tools as f64 * USUAL_TOOL_UNITS * governor.costs.tool,
         ];
         governor.contact_ns = units.iter().sum();
-        governor.begin_tick([balls, tools]);
+        governor.begin_tick(load);
         Self {
             share_ns: governor.share_ns(),
             fixed_ns,
@@ -388,16 +427,35 @@ impl Governor {
         self.share * self.period_ns()
     }
 
-    /// The time of a tick with so many balls, and tools, near an object: each pair counts.
-    pub fn begin_tick(&mut self, [balls, tools]: [usize; 2]) {
+    /// The time of a tick that does this in any case.
+    pub fn begin_tick(&mut self, load: impl Into<TickLoad>) {
+        self.time = self.time_with(&load.into());
+        let affordable =
+            (self.time.for_refinement() / self.time.operation_ns()).clamp(1.0, self.max_operations);
+        let back = 1.0 - (-self.period_s / OPERATIONS_RETURN_S).exp();
+        let more = self.operations + back * (affordable - self.operations);
+        self.operations = more.min(affordable);
+    }
+
+    /// The same once its objects have moved and its pairs have begun, before anything else of it is
+    /// charged. How many operations there is time for stays: a stall alone says nothing of that.
+    pub fn set_load(&mut self, load: &TickLoad) {
+        self.time = self.time_with(load);
+    }
+
+    fn time_with(&self, load: &TickLoad) -> TickTime {
         let costs = self.costs;
         let mut time = TickTime {
             costs,
             ..TickTime::default()
         };
-        let [balls, tools] = [balls, tools].map(|pairs| pairs as f64);
+        let [balls, tools] = load.pairs.map(|pairs| pairs as f64);
         let pairs = balls + tools;
-        time.spent.charge(CostGroup::Tick, costs.tick);
+        let boxes = load.box_tests as f64 * costs.box_test;
+        let bodies = load.body_steps as f64 * costs.body;
+        let tick = costs.tick + boxes + bodies;
+        time.spent.charge(CostGroup::Tick, tick);
+        time.set_refinement(0, load.entries);
         let predictions = pairs * costs.prediction;
         time.spent.charge(CostGroup::Inbox, predictions);
         time.spent.charge(CostGroup::Query, pairs * costs.contact);
@@ -413,12 +471,7 @@ impl Governor {
         let step = balls * costs.ball + tools * costs.tool;
         let but_a_collapse = rest - costs.large_operation() / (1.0 - UPKEEP_SHARE);
         time.contacts = contacts.min(but_a_collapse.max(search + step)).min(rest);
-        self.time = time;
-        let affordable =
-            (time.for_refinement() / time.operation_ns()).clamp(1.0, self.max_operations);
-        let back = 1.0 - (-self.period_s / OPERATIONS_RETURN_S).exp();
-        let more = self.operations + back * (affordable - self.operations);
-        self.operations = more.min(affordable);
+        time
     }
 
     /// Steps by which less is asked for, as those of memory pressure.

@@ -56,12 +56,14 @@ impl Controller {
         &self.movables
     }
 
-    /// Motion of the material of an object at a place (world, metres) in the last tick, metres and
-    /// radians; zero for an object that does not move.
+    /// Motion of the material of an object at a place (world, metres) in a period, by the last
+    /// tick, metres and radians; zero for an object that does not move.
     #[must_use]
     pub fn carried(&self, object: usize, at: DVec3) -> Twist {
-        let body = self.movables.body(object as u32);
-        let motion = body.and_then(|body| Some(material_motion(&body.before()?, &body.pose(), at)));
+        let motion = self.movables.body(object as u32).and_then(|body| {
+            let motion = material_motion(&body.before()?, &body.pose(), at);
+            Some(motion.times(1.0 / body.since().max(1) as f64))
+        });
         motion.unwrap_or_default()
     }
 

@@ -31,6 +31,7 @@ use crate::controller::Controller;
 use crate::force::effects::{Clock, Rendered};
 use crate::force::limiter::Passed;
 use crate::force::passivity::CarriedWork;
+use crate::governor::TickLoad;
 use crate::observer::{Stage, StageObserver, ToolBefore};
 use crate::policy::reactive::Load;
 use crate::record::CoreRecord;
@@ -138,10 +139,12 @@ impl Controller {
 
         let elapsed = self.begin(tick);
         self.sample(inputs, elapsed);
-        self.governor.begin_tick(self.active.near_pairs());
+        let load = self.load(self.movables.awake());
+        self.governor.begin_tick(load);
         let mut budget = self.budget(observer);
         let mut upkeep = budget.upkeep;
         record.unserved = self.activate(inputs, &mut budget, &mut outputs.outbox);
+        self.count_load(&mut budget, &mut upkeep);
         budget.observer.ended(Stage::BroadPhase);
 
         budget.ingest = self.ingest_units(waiting);
@@ -222,6 +225,26 @@ impl Controller {
         }
         let own_tick = self.own_tick;
         self.active.activate(&self.probes, own_tick, budget, outbox)
+    }
+
+    /// What the tick does in any case, with so many steps of bodies, as far as it is known by now.
+    fn load(&self, body_steps: usize) -> TickLoad {
+        let (objects, probes) = (self.active.instances.len(), self.probes.len());
+        TickLoad::new(self.active.near_pairs(), objects, probes, body_steps)
+    }
+
+    /// Counts the pairs that have begun in this tick, and the steps that bodies took after missed
+    /// ones: they are allowed on any machine, and what they take is not there for anything else.
+    /// `upkeep`: the budget for it before any was spent; lowered where the budget is.
+    fn count_load(&mut self, budget: &mut Budget, upkeep: &mut u32) {
+        let spent = *upkeep - budget.upkeep;
+        let load = TickLoad {
+            entries: spent.div_ceil(CHANGES_PER_UNIT),
+            ..self.load(self.movables.steps())
+        };
+        self.governor.set_load(&load);
+        self.limit_refinement(budget, 1.0 - UPKEEP_SHARE - RECEIVED_SHARE);
+        *upkeep = spent + budget.upkeep;
     }
 
     /// The work of a tick, but for received data. While that comes, operations have what it leaves.

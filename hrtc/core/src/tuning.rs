@@ -395,6 +395,11 @@ pub mod bodies {
     /// is longer than a period.
     pub const MAX_STEP_PERIODS: u32 = 20;
 
+    /// Steps of all bodies in a tick that makes up for missed ones, half of them under the load and
+    /// half after it: one each where [`scene::MAX_MOVABLES`] are awake, a tenth of a millisecond by
+    /// [`crate::governor::WorkCosts::body`]. What hands push has [`MAX_STEP_PERIODS`] beside them.
+    pub const STEPS_A_TICK: usize = 2 * scene::MAX_MOVABLES;
+
     /// Most objects whose box is requested in one tick: half of [`scene::MAX_MOVABLES`].
     pub const MAX_EXTENTS_PER_TICK: usize = 64;
 

@@ -5,7 +5,7 @@ use super::RunError;
 use crate::calibration;
 use crate::message::note;
 use crate::tuning::TICK_STACK_BYTES;
-use hrtc_core::governor::{TickNeed, WorkCosts};
+use hrtc_core::governor::{TickLoad, TickNeed, WorkCosts};
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
 use realtime::rights::{obtain_processor, return_freed_memory, usable_cores};
@@ -115,23 +115,30 @@ pub(super) fn check(plan: &ScenePlan, costs: WorkCosts) -> Result<(), RunError> 
     let balls = plan.probes.iter().filter(is_ball).count();
     let tools = plan.probes.len() - balls;
     let (rate_hz, operations) = (plan.loop_.rate_hz, plan.loop_.operations);
-    let need = TickNeed::new(costs, 1.0 / rate_hz, operations, [balls, tools]);
+    let moving = plan.objects.iter().filter(|of| of.movable.is_some());
+    let (objects, moving) = (plan.objects.len(), moving.count());
+    let load = TickLoad::new([balls, tools], objects, plan.probes.len(), moving);
+    let need = TickNeed::new(costs, 1.0 / rate_hz, operations, load);
     if need.fixed_ns > need.share_ns {
         return Err(RunError::TooSlow(short_of_time(&need, &plan.loop_)));
     }
     if need.operations < 0.99 * operations as f64 {
         note!("{}", short_of_time(&need, &plan.loop_));
     }
-    if let Some(crowd) = crowd(costs, &plan.loop_, [balls, tools], plan.active_objects()) {
+    if let Some(crowd) = crowd(costs, &plan.loop_, load, plan.active_objects()) {
         note!("{crowd}");
     }
     Ok(())
 }
 
 /// Said where a tick has no time for every probe near so many objects at once.
-fn crowd(costs: WorkCosts, plan: &LoopPlan, probes: [usize; 2], objects: usize) -> Option<String> {
-    let pairs = probes.map(|probes| probes * objects);
-    let need = TickNeed::new(costs, 1.0 / plan.rate_hz, plan.operations, pairs);
+fn crowd(costs: WorkCosts, plan: &LoopPlan, load: TickLoad, objects: usize) -> Option<String> {
+    let probes = load.pairs;
+    let load = TickLoad {
+        pairs: probes.map(|probes| probes * objects),
+        ..load
+    };
+    let need = TickNeed::new(costs, 1.0 / plan.rate_hz, plan.operations, load);
     let us = |ns: f64| (1e-3 * ns).ceil();
     (need.fixed_ns > need.share_ns).then(|| {
         format!(
@@ -149,7 +156,7 @@ fn short_of_time(need: &TickNeed, plan: &LoopPlan) -> String {
     let (rate_hz, operations) = (plan.rate_hz, plan.operations);
     if need.fixed_ns > need.share_ns {
         return format!(
-            "at {rate_hz} Hz a tick may work for {} us here, and these probes take {} us even without contact; use fewer probes, a lower [loop] rate_hz or a faster machine",
+            "at {rate_hz} Hz a tick may work for {} us here, and these probes and objects take {} us even without contact; use fewer of them, a lower [loop] rate_hz or a faster machine",
             us(need.share_ns),
             us(need.fixed_ns)
         );
@@ -212,7 +219,7 @@ mod tests {
     #[test]
     fn too_many_objects_near_all_probes_are_told() {
         let costs = |slow| WorkCosts::REFERENCE.scaled([slow; 4]);
-        let of = |slow, objects| crowd(costs(slow), &plan(None, false), [3, 1], objects);
+        let of = |slow, objects| crowd(costs(slow), &plan(None, false), [3, 1].into(), objects);
         assert_eq!(of(1.0, 9), None);
         assert_eq!(of(8.0, 1), None);
         let late = of(8.0, 9).expect("a millisecond does not suffice");

@@ -6,8 +6,11 @@
 //! up to date when something moves.
 
 use glam::DVec3;
+use scene::MAX_PROBES;
+use std::cmp::Ordering;
 
 /// Pairs of an object and a probe that one search finds at the most; of more the nearest are kept.
+/// Each probe has an equal share of them, so that none loses its pairs to one in a crowd.
 pub const MAX_NEAR: usize = 64;
 
 /// A ball around a probe, world, metres.
@@ -32,6 +35,16 @@ pub struct Near {
     pub distance: f64,
 }
 
+impl Near {
+    /// The nearest first. Of equal distance the first object: the order is that of the scene.
+    fn order(a: &Self, b: &Self) -> Ordering {
+        a.distance
+            .total_cmp(&b.distance)
+            .then(a.object.cmp(&b.object))
+            .then(a.probe.cmp(&b.probe))
+    }
+}
+
 /// The boxes of all objects, in the world.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct BroadPhase {
@@ -42,6 +55,7 @@ pub struct BroadPhase {
     displacements: Vec<(usize, f64)>,
     /// Squared distances of one ball.
     distances: Vec<f64>,
+    #[serde(with = "spm::reserved")]
     near: Vec<Near>,
 }
 
@@ -54,7 +68,8 @@ impl BroadPhase {
             upper: [(); 3].map(|()| vec![f64::NEG_INFINITY; objects]),
             displacements: Vec::with_capacity(moving),
             distances: vec![0.0; objects],
-            near: Vec::with_capacity(MAX_NEAR),
+            // Beside the shares of all balls, as much again of the one that is searched.
+            near: Vec::with_capacity(2 * MAX_NEAR),
         }
     }
 
@@ -83,48 +98,43 @@ impl BroadPhase {
         found.map_or(0.0, |&(_, displacement)| displacement)
     }
 
-    /// All pairs of an object and a ball that meet within so many ticks, nearest first; at most
-    /// [`MAX_NEAR`], the nearest. A ball that is not finite meets nothing.
+    /// All pairs of an object and a ball that meet within so many ticks, nearest first; of a ball
+    /// no more than its share of [`MAX_NEAR`], the nearest. A ball that is not finite meets
+    /// nothing; of more than [`MAX_PROBES`] the first count.
     pub fn find(&mut self, balls: impl IntoIterator<Item = Ball>, ticks: f64) -> &[Near] {
+        let mut finite = [None; MAX_PROBES];
+        let given = balls.into_iter().filter(|ball| ball.centre.is_finite());
+        for (place, ball) in finite.iter_mut().zip(given) {
+            *place = Some(ball);
+        }
         self.near.clear();
-        for ball in balls {
-            if !ball.centre.is_finite() {
-                continue;
-            }
+        let quota = MAX_NEAR / finite.iter().flatten().count().max(1);
+        for ball in finite.iter().flatten() {
             self.measure(ball.centre);
-            let reach = ball.radius * ball.radius;
-            for object in 0..self.distances.len() {
-                let squared = self.distances[object];
-                if squared <= reach {
-                    self.keep(Near {
-                        object,
-                        probe: ball.probe,
-                        distance: squared.sqrt(),
-                    });
-                }
-            }
-            // A movable object may approach it.
-            for k in 0..self.displacements.len() {
-                let (object, displacement) = self.displacements[k];
-                let squared = self.distances[object];
-                let farther = ball.radius + displacement * ticks;
-                if squared > reach && squared <= farther * farther {
-                    self.keep(Near {
-                        object,
-                        probe: ball.probe,
-                        distance: squared.sqrt(),
-                    });
-                }
+            self.find_near(ball, ticks, quota);
+        }
+        self.near.sort_unstable_by(Near::order);
+        &self.near
+    }
+
+    /// Adds the nearest objects of a ball, the distances from which are measured.
+    fn find_near(&mut self, ball: &Ball, ticks: f64, quota: usize) {
+        let mut nearest = Nearest::new(&mut self.near, ball.probe, quota);
+        let reach = ball.radius * ball.radius;
+        for (object, &squared) in self.distances.iter().enumerate() {
+            if squared <= reach {
+                nearest.meet(object, squared);
             }
         }
-        // Of equal distance the first object comes first: the order is that of the scene.
-        self.near.sort_unstable_by(|a, b| {
-            a.distance
-                .total_cmp(&b.distance)
-                .then(a.object.cmp(&b.object))
-                .then(a.probe.cmp(&b.probe))
-        });
-        &self.near
+        // A movable object may approach it.
+        for &(object, displacement) in &self.displacements {
+            let squared = self.distances[object];
+            let farther = ball.radius + displacement * ticks;
+            if squared > reach && squared <= farther * farther {
+                nearest.meet(object, squared);
+            }
+        }
+        nearest.finish();
     }
 
     /// Result of the last search.
@@ -152,20 +162,64 @@ impl BroadPhase {
             *place = x * x + y * y + z * z;
         }
     }
+}
 
-    fn keep(&mut self, near: Near) {
-        if self.near.len() < MAX_NEAR {
-            self.near.push(near);
+/// The nearest objects of a ball so far: the end of a list, with squared distances. It takes twice
+/// as many as are kept before it drops the farthest half, so that an object costs the same however
+/// many are met.
+struct Nearest<'a> {
+    near: &'a mut Vec<Near>,
+    /// Where they begin in it.
+    first: usize,
+    probe: usize,
+    /// How many are kept.
+    quota: usize,
+    /// The farthest that was kept, as squared distance and object: none beyond it can be.
+    cut: (f64, usize),
+}
+
+impl<'a> Nearest<'a> {
+    fn new(near: &'a mut Vec<Near>, probe: usize, quota: usize) -> Self {
+        Self {
+            first: near.len(),
+            near,
+            probe,
+            quota,
+            cut: (f64::INFINITY, usize::MAX),
+        }
+    }
+
+    /// An object at a squared distance.
+    fn meet(&mut self, object: usize, squared: f64) {
+        if (squared, object) >= self.cut {
             return;
         }
-        let farthest = self
-            .near
-            .iter_mut()
-            .max_by(|a, b| a.distance.total_cmp(&b.distance));
-        if let Some(farthest) = farthest
-            && near.distance < farthest.distance
-        {
-            *farthest = near;
+        self.near.push(Near {
+            object,
+            probe: self.probe,
+            distance: squared,
+        });
+        if self.near.len() - self.first >= 2 * self.quota {
+            self.select();
+        }
+    }
+
+    /// Leaves the nearest of them.
+    fn select(&mut self) {
+        let all = &mut self.near[self.first..];
+        if all.len() <= self.quota {
+            return;
+        }
+        let (_, farthest, _) = all.select_nth_unstable_by(self.quota - 1, Near::order);
+        self.cut = (farthest.distance, farthest.object);
+        self.near.truncate(self.first + self.quota);
+    }
+
+    /// The search is over.
+    fn finish(mut self) {
+        self.select();
+        for near in &mut self.near[self.first..] {
+            near.distance = near.distance.sqrt();
         }
     }
 }
@@ -184,7 +238,10 @@ mod tests {
         #[test]
         fn finds_what_a_look_at_every_box_finds(
             boxes in boxes(),
-            balls in prop::collection::vec((prop::array::uniform3(-1.2..1.2f64), 0.0..0.6f64), 0..5),
+            balls in prop::collection::vec(
+                (prop::array::uniform3(-1.2..1.2f64), 0.0..1.2f64),
+                0..=MAX_PROBES,
+            ),
         ) {
             let mut phase = BroadPhase::new(boxes.len(), 0);
             for (object, (lower, sides)) in boxes.iter().enumerate() {
@@ -196,25 +253,80 @@ mod tests {
                 .enumerate()
                 .map(|(probe, (centre, radius))| Ball { probe, centre: centre.into(), radius })
                 .collect();
+            let quota = MAX_NEAR / balls.len().max(1);
             let mut expected: Vec<Near> = Vec::new();
             for ball in &balls {
+                let mut of_ball = Vec::new();
                 for (object, (lower, sides)) in boxes.iter().enumerate() {
                     let lower = DVec3::from_array(*lower);
                     let upper = lower + DVec3::from_array(*sides);
                     let nearest = ball.centre.clamp(lower, upper);
                     let distance = nearest.distance(ball.centre);
                     if (distance - ball.radius).abs() > 1e-9 && distance < ball.radius {
-                        expected.push(Near { object, probe: ball.probe, distance });
+                        of_ball.push(Near { object, probe: ball.probe, distance });
                     }
                 }
+                of_ball.sort_by(|a, b| a.distance.total_cmp(&b.distance));
+                expected.extend(of_ball.into_iter().take(quota));
             }
             expected.sort_by(|a, b| a.distance.total_cmp(&b.distance));
             let found = phase.find(balls.iter().copied(), 10.0).to_vec();
             prop_assert!(found.windows(2).all(|w| w[0].distance <= w[1].distance));
-            prop_assert_eq!(found.len(), expected.len().min(MAX_NEAR));
+            prop_assert_eq!(found.len(), expected.len());
             for (found, expected) in found.iter().zip(&expected) {
                 prop_assert!((found.distance - expected.distance).abs() < 1e-12);
             }
+        }
+    }
+
+    #[test]
+    fn a_probe_in_a_crowd_leaves_another_its_object() {
+        let crowd = 100;
+        let mut phase = BroadPhase::new(crowd + 1, 0);
+        for object in 0..crowd {
+            phase.place(object, DVec3::splat(-1.0), DVec3::ONE);
+        }
+        phase.place(crowd, DVec3::splat(10.0), DVec3::splat(11.0));
+        let room = phase.near.capacity();
+        let ball = |probe, centre| Ball {
+            probe,
+            centre,
+            radius: 1.0,
+        };
+        let inside = ball(0, DVec3::ZERO);
+        let beside = ball(1, DVec3::new(10.5, 10.5, 9.5));
+        for balls in [[inside, beside], [beside, inside]] {
+            let found = phase.find(balls, 1.0);
+            let of = |probe: usize| found.iter().filter(move |near| near.probe == probe);
+            let others: Vec<usize> = of(1).map(|near| near.object).collect();
+            assert_eq!(others, [crowd]);
+            // Of equal distance the first of the scene.
+            let objects: Vec<usize> = of(0).map(|near| near.object).collect();
+            assert!(objects.iter().copied().eq(0..MAX_NEAR / 2), "{objects:?}");
+        }
+        assert_eq!(phase.near.capacity(), room, "nothing was allocated");
+    }
+
+    #[test]
+    fn of_many_objects_the_nearest_are_kept_whatever_their_order() {
+        let many = 300;
+        for step in [1, 7, many - 1] {
+            let mut phase = BroadPhase::new(many, 1);
+            for object in 0..many {
+                // Distances are all different, in another order with each step.
+                let lower = DVec3::X * (1 + object * step % many) as f64;
+                phase.place(object, lower, lower + DVec3::ONE);
+            }
+            let ball = Ball {
+                probe: 2,
+                centre: DVec3::ZERO,
+                radius: many as f64,
+            };
+            phase.set_displacements([(0, 1.0)].into_iter());
+            let found = phase.find([ball], 10.0).iter();
+            let distances: Vec<f64> = found.map(|near| near.distance).collect();
+            let due: Vec<f64> = (1..=MAX_NEAR).map(|k| k as f64).collect();
+            assert_eq!(distances, due, "{step}");
         }
     }
 

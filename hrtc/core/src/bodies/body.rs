@@ -27,6 +27,8 @@ pub struct Step {
     pub fastest_turn: f64,
     /// Share of the displacement bound that is left after a period.
     pub displacement_left: f64,
+    /// Whether it is longer than a period.
+    pub is_long: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -47,6 +49,8 @@ pub struct Body {
     home: Pose,
     kind: Kind,
     step: Step,
+    /// Most steps that make up for missed ticks.
+    most_steps: u32,
     extent: Option<Extent>,
     pose: Pose,
     /// Pose before the last step; `None` if the step did not change it.
@@ -58,7 +62,7 @@ pub struct Body {
     is_awake: bool,
     /// Time without load and motion, seconds.
     still_s: f64,
-    /// Bound of the displacement of any point of the box in a tick, metres.
+    /// Bound of the displacement of any point of the box in a period, metres.
     max_displacement: f64,
     awake_ticks: u64,
     /// Largest distance of the middle of the box from its place in the scene, metres.
@@ -84,7 +88,9 @@ impl Body {
                 fastest: 0.0,
                 fastest_turn: MAX_TURN_PER_PERIOD / period_s,
                 displacement_left: DISPLACEMENT_LEFT_PER_MS.powf(1e3 * period_s),
+                is_long: false,
             },
+            most_steps: MAX_STEP_PERIODS,
             extent: None,
             pose: home,
             before: None,
@@ -142,7 +148,13 @@ impl Body {
         self.is_awake
     }
 
-    /// Bound of the displacement of any point of its box in a tick, metres.
+    /// Periods since the pose of [`Body::before`].
+    #[must_use]
+    pub fn since(&self) -> u64 {
+        self.since
+    }
+
+    /// Bound of the displacement of any point of its box in a period, metres.
     ///
     /// Of a driven body it follows from the largest speed. Of any other it is the largest recent
     /// displacement, which decays by 3 % a millisecond.
@@ -211,10 +223,17 @@ impl Body {
         self.still_s = 0.0;
     }
 
+    /// Makes up for missed ticks in so many steps at the most from now on, at least 1 and at most
+    /// `MAX_STEP_PERIODS`.
+    pub(super) fn set_most_steps(&mut self, steps: u32) {
+        self.most_steps = steps.clamp(1, MAX_STEP_PERIODS);
+    }
+
     /// Steps to `tick`, `periods` after the last step, in no more than `MAX_STEP_PERIODS` steps,
-    /// which are longer then. A pendulum has not swung on for longer than its steps allow.
-    pub fn step(&mut self, tick: u64, periods: u32) {
-        let steps = periods.clamp(1, MAX_STEP_PERIODS);
+    /// which are longer then. A pendulum has not swung on for longer than its steps allow. Returns
+    /// how many it took.
+    pub fn step(&mut self, tick: u64, periods: u32) -> u32 {
+        let mut steps = periods.clamp(1, self.most_steps);
         let longest = match &self.kind {
             Kind::Hinge(hinge) => hinge.longest_step_s().max(self.step.period_s),
             _ => f64::INFINITY,
@@ -222,13 +241,17 @@ impl Body {
         let period_s = self.step.period_s * (f64::from(periods) / f64::from(steps));
         let step = Step {
             period_s: period_s.min(longest),
+            is_long: steps < periods,
             ..self.step
         };
         let load = std::mem::take(&mut self.load);
         let last = self.pose;
         match &mut self.kind {
-            Kind::Unknown => {}
-            Kind::Driven(driven) => self.pose = driven.pose(tick as f64 * self.step.period_s),
+            Kind::Unknown => steps = 0,
+            Kind::Driven(driven) => {
+                self.pose = driven.pose(tick as f64 * self.step.period_s);
+                steps = 1;
+            }
             kind => {
                 for _ in 0..steps {
                     match kind {
@@ -253,19 +276,24 @@ impl Body {
         if !matches!(self.kind, Kind::Driven(_)) {
             self.sleep_if_still(periods, load == Wrench::ZERO);
         }
+        steps
     }
 
     /// Goes on to `tick`, `periods` later, without a load: both steps are one to whoever looks.
-    pub fn coast(&mut self, tick: u64, periods: u32) {
+    /// Returns how many it took.
+    pub fn coast(&mut self, tick: u64, periods: u32) -> u32 {
         if !self.is_awake {
-            return;
+            return 0;
         }
         let (before, since) = (self.before, self.since);
-        self.step(tick, periods);
+        let steps = self.step(tick, periods);
+        // It is the same tick.
+        self.awake_ticks -= 1;
         self.since += since;
         if self.is_awake {
             self.before = before.or(self.before);
         }
+        steps
     }
 
     /// Updates the largest distance and the displacement bound.
@@ -281,9 +309,10 @@ impl Body {
             return;
         }
         let motion = material_motion(last, &self.pose, middle);
-        self.max_displacement = motion
-            .farthest(extent.radius())
-            .max(self.step.displacement_left * self.max_displacement);
+        // Of a period, also where one step made up for many.
+        let periods = self.since.max(1) as f64;
+        let left = self.step.displacement_left.powf(periods) * self.max_displacement;
+        self.max_displacement = (motion.farthest(extent.radius()) / periods).max(left);
     }
 
     /// Puts it to sleep when it has been without load and motion for long enough.
@@ -336,7 +365,7 @@ impl Body {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scene::{HingePlan, MassPlan, RailPlan, SpringDamperPlan};
+    use scene::{FreePlan, HingePlan, MassPlan, RailPlan, SpringDamperPlan};
 
     const PERIOD_S: f64 = 1e-3;
 
@@ -409,6 +438,49 @@ mod tests {
                         "{side} m, {periods}: {joules} of {pushed_j} J"
                     );
                 }
+            }
+        }
+    }
+
+    /// A long step may turn it by any angle.
+    #[test]
+    fn a_rod_that_tumbles_gains_no_energy_in_a_stall_of_any_length() {
+        for (most_steps, periods) in [(1, 18), (1, 100), (1, 300), (20, 300), (20, 1000)] {
+            let loose = SpringDamperPlan {
+                spring: 0.0,
+                damping: Some(0.0),
+            };
+            let plan = MovablePlan::Free(FreePlan {
+                mass: MassPlan {
+                    mass_kg: 0.1,
+                    inertia_kgm2: None,
+                    gravity_m_per_s2: DVec3::ZERO,
+                },
+                linear: loose,
+                angular: loose,
+            });
+            let mut body = Body::new(plan, Pose::IDENTITY, PERIOD_S);
+            body.set_extent(Extent {
+                middle: DVec3::ZERO,
+                sides: DVec3::new(0.1, 0.01, 0.01),
+            });
+            body.set_most_steps(most_steps);
+            let push = Wrench {
+                force: DVec3::ZERO,
+                torque: DVec3::new(0.02, 0.3, 0.01),
+            };
+            body.push(&push, DVec3::ZERO);
+            assert_eq!(body.step(1, 1), 1);
+            let mut tick = 1;
+            for _ in 0..4 {
+                let before_j = body.kinetic_j();
+                tick += u64::from(periods);
+                assert_eq!(body.step(tick, periods), most_steps.min(periods));
+                let joules = body.kinetic_j();
+                assert!(
+                    joules > 0.0 && joules <= (1.0 + 1e-9) * before_j,
+                    "{most_steps} steps of {periods}: {joules} of {before_j} J"
+                );
             }
         }
     }

@@ -1,7 +1,10 @@
 //! A free body: translation of the middle of its box, and rotation about it.
 //!
 //! The state of the rotation is the angular momentum L. Only a torque changes it, so the energy of
-//! a tumbling body stays between `L² / (2 I_max)` and `L² / (2 I_min)` at any step length.
+//! a tumbling body stays between `L² / (2 I_max)` and `L² / (2 I_min)` at any step length. Between
+//! these it stays where it was as long as a step turns by a small angle. A step over missed ticks
+//! may turn a rod so far that it spins about its length with all of L, at many times its energy:
+//! after such a step L is shortened, so that the energy is what it was.
 
 use super::body::Step;
 use super::extent::Extent;
@@ -55,6 +58,11 @@ impl Free {
         }
     }
 
+    /// Kinetic energy of the rotation, joules.
+    fn turning_j(&self) -> f64 {
+        0.5 * self.momentum.dot(self.turning(self.axes))
+    }
+
     /// Angular velocity of the body at an orientation, world, rad/s.
     fn turning(&self, axes: DQuat) -> DVec3 {
         let [x, y, z] = self.angular.map(|spring_damper| spring_damper.inertia);
@@ -84,7 +92,21 @@ impl Free {
         let turning = limited(DVec3::new(speed(0), speed(1), speed(2)), step.fastest_turn);
         let [x, y, z] = self.angular.map(|spring_damper| spring_damper.inertia);
         self.momentum = self.axes * (turning * DVec3::new(x, y, z));
-        // Midpoint rule.
+        if !step.is_long {
+            self.turn(step);
+            return;
+        }
+        let before_j = self.turning_j();
+        self.turn(step);
+        let now_j = self.turning_j();
+        if now_j > before_j {
+            self.momentum *= (before_j / now_j).sqrt();
+        }
+    }
+
+    /// Turns it by its angular momentum: midpoint rule.
+    fn turn(&mut self, step: &Step) {
+        let period = step.period_s;
         let first = self.turning(self.axes);
         let mid_axes = (DQuat::from_scaled_axis(first * (0.5 * period)) * self.axes).normalize();
         let mean = limited(self.turning(mid_axes), step.fastest_turn);
@@ -99,8 +121,7 @@ impl Free {
     }
 
     pub fn kinetic_j(&self) -> f64 {
-        let of_turn = self.momentum.dot(self.turning(self.axes));
-        0.5 * (self.linear.inertia * self.velocity.length_squared() + of_turn)
+        0.5 * self.linear.inertia * self.velocity.length_squared() + self.turning_j()
     }
 
     pub fn stop(&mut self) {

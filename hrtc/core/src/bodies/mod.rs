@@ -11,6 +11,11 @@
 //!   is stable, when a scene is read.
 //! - Linear and angular speed are limited.
 //!
+//! Missed ticks are made up for in as many steps as there were periods, up to a share of what a
+//! tick has time for; then the steps are longer. That is stable for each kind of motion: without a
+//! load, spring and damper only take energy; a pendulum's step is not longer than its weight allows
+//! (`hinge`), and what a free body turns by gives it no energy (`free`).
+//!
 //! A force F adds no more kinetic energy than its work over the displacement `v' T` that follows:
 //! `m (v' - v) = F T` implies `m (v'² - v²) / 2 = F v' T - F² T² / (2 m)`.
 //!
@@ -38,7 +43,7 @@ mod report;
 mod spring_damper;
 
 use crate::horizons::Horizons;
-use crate::tuning::bodies::MAX_EXTENTS_PER_TICK;
+use crate::tuning::bodies::{MAX_EXTENTS_PER_TICK, MAX_STEP_PERIODS, STEPS_A_TICK};
 pub use body::Body;
 pub use extent::Extent;
 pub use material::material_motion;
@@ -77,6 +82,8 @@ pub struct Movables {
     awake: Vec<usize>,
     /// Bodies that the last step moved or stopped.
     moved: Vec<usize>,
+    /// Steps that all bodies took in it.
+    steps: usize,
     /// Wrenches of this tick; their work is known after the next step.
     #[serde(with = "spm::reserved")]
     pushes: Vec<Push>,
@@ -117,6 +124,7 @@ impl Movables {
         };
         Self {
             moved: Vec::with_capacity(bodies.len()),
+            steps: 0,
             pushes: Vec::with_capacity(pushes),
             carried: [[0.0; 2]; MAX_PROBES],
             last_tick: None,
@@ -153,6 +161,12 @@ impl Movables {
         self.awake.len()
     }
 
+    /// Steps that all bodies took in this tick: one each, and more where ticks were missed.
+    #[must_use]
+    pub fn steps(&self) -> usize {
+        self.steps
+    }
+
     /// Requests the boxes of up to 64 objects that have none yet. `extent` returns `None` while a
     /// box is unknown. A body can be pushed once its box is known.
     pub fn set_extent(&mut self, extent: impl Fn(u32) -> Option<Extent>) {
@@ -184,17 +198,35 @@ impl Movables {
         self.last_tick = Some(tick);
         self.moved.clear();
         self.moved.extend_from_slice(&self.awake);
+        if periods > 1 {
+            self.share_out_steps();
+        }
+        let mut steps = 0;
         for &k in &self.awake {
-            self.bodies[k].step(tick.saturating_sub(rest), loaded);
+            steps += self.bodies[k].step(tick.saturating_sub(rest), loaded);
         }
         self.add_carried_work();
         if rest > 0 {
             for &k in &self.awake {
-                self.bodies[k].coast(tick, coasting);
+                steps += self.bodies[k].coast(tick, coasting);
             }
         }
+        self.steps = steps as usize;
         let bodies = &self.bodies;
         self.awake.retain(|&k| bodies[k].is_awake());
+    }
+
+    /// Shares out the steps that make up for missed ticks, before and after the load ends. A body
+    /// that a hand pushes is stepped as finely as one alone.
+    fn share_out_steps(&mut self) {
+        let share = STEPS_A_TICK / 2 / self.awake.len().max(1);
+        let share = share.clamp(1, MAX_STEP_PERIODS as usize) as u32;
+        for &k in &self.awake {
+            self.bodies[k].set_most_steps(share);
+        }
+        for push in &self.pushes {
+            self.bodies[push.body].set_most_steps(MAX_STEP_PERIODS);
+        }
     }
 
     /// Adds up the work of the last wrenches over the last step.
@@ -284,5 +316,95 @@ fn reaction(wrench: &Wrench) -> Wrench {
     Wrench {
         force: -wrench.force,
         torque: -wrench.torque,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::{MAX_MOVABLES, NoFiles, Overrides, parse};
+    use std::path::Path;
+
+    const ROD: Extent = Extent {
+        middle: DVec3::ZERO,
+        sides: DVec3::new(0.1, 0.01, 0.01),
+    };
+    const MASS_KG: f64 = 0.5;
+    const FORCE_N: f64 = 20.0;
+
+    /// As many free rods as may move, which nothing slows down; the first ones are pushed, so that
+    /// they fly off and tumble, and have taken a step.
+    fn tumbling(pushed: u32) -> Movables {
+        let text = format!(
+            r#"
+[[object]]
+generate = {{ shape = "plate", faces = 1000 }}
+size_m = 0.1
+grid = {{ counts = [8, 4, 4], spacing_m = 1.0 }}
+movable = {{ free = {{ mass_kg = {MASS_KG}, damping_ns_per_m = 0.0, damping_nms_per_rad = 0.0 }} }}
+[[probe]]
+"#
+        );
+        let (folder, overrides) = (Path::new(""), Overrides::default());
+        let plan = parse(&text, "rods", folder, &overrides, &NoFiles).unwrap();
+        assert_eq!(plan.objects.len(), MAX_MOVABLES);
+        let mut movables = Movables::new(&plan);
+        while !movables.unknown.is_empty() {
+            movables.set_extent(|_| Some(ROD));
+        }
+        for object in 0..pushed {
+            push(&mut movables, object);
+        }
+        movables.step(1);
+        assert_eq!(movables.steps(), pushed as usize);
+        movables
+    }
+
+    /// A hand is pushed by an object.
+    fn push(movables: &mut Movables, object: u32) {
+        let at = movables.body(object).unwrap().pose().position;
+        let wrench = Wrench {
+            force: DVec3::X * -FORCE_N,
+            torque: DVec3::new(0.1, 1.5, 0.05),
+        };
+        let whole = Passed::of(&wrench, &wrench);
+        movables.push(object, 0, [(wrench, whole), (Wrench::ZERO, whole)], at);
+    }
+
+    fn joules(movables: &Movables) -> f64 {
+        movables.iter().map(|(_, body)| body.kinetic_j()).sum()
+    }
+
+    #[test]
+    fn many_bodies_share_the_steps_after_a_stall_and_gain_no_energy() {
+        let mut movables = tumbling(MAX_MOVABLES as u32);
+        let place = |movables: &Movables| movables.body(7).unwrap().pose().position;
+        let (joules_before, from) = (joules(&movables), place(&movables));
+        movables.step(301);
+        assert_eq!(movables.steps(), STEPS_A_TICK);
+        let after = joules(&movables);
+        assert!(
+            after <= (1.0 + 1e-9) * joules_before,
+            "{joules_before} J, then {after} J"
+        );
+        let due = FORCE_N * 1e-3 / MASS_KG * 0.3;
+        let went = (place(&movables) - from).x;
+        assert!((went / due - 1.0).abs() < 1e-9, "{went} m of {due} m");
+        // What is pushed keeps its steps, under the load and after it.
+        for object in 0..3 {
+            push(&mut movables, object);
+        }
+        movables.step(601);
+        let own = 3 * 2 * (MAX_STEP_PERIODS as usize - 1);
+        assert_eq!(movables.steps(), STEPS_A_TICK + own);
+        movables.step(602);
+        assert_eq!(movables.steps(), MAX_MOVABLES);
+    }
+
+    #[test]
+    fn few_bodies_take_all_steps_after_a_stall() {
+        let mut movables = tumbling(6);
+        movables.step(301);
+        assert_eq!(movables.steps(), 6 * 2 * MAX_STEP_PERIODS as usize);
     }
 }

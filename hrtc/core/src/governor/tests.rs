@@ -50,6 +50,44 @@ fn what_probes_need_grows_with_them_and_leaves_less_time_for_splits() {
     assert!((1.0..2.0).contains(&least), "{least}");
 }
 
+/// 4096 objects and four probes, all bodies after a stall, and all pairs, on any machine.
+#[test]
+fn what_a_tick_does_in_any_case_is_charged_and_allowed() {
+    for slow in [1.0, 8.0, 64.0] {
+        let mut governor = Governor::new(1e-3, 96);
+        let costs = WorkCosts::REFERENCE.scaled([slow; 4]);
+        governor.set_costs(costs);
+        let load = TickLoad::new([3, 1], 4096, 4, 128);
+        assert_eq!(TickLoad::new([3, 1], 1, 4, 0), TickLoad::from([3, 1]));
+        let fixed = |governor: &mut Governor, load: TickLoad| {
+            governor.begin_tick(load);
+            governor.spent().total()
+        };
+        let without = fixed(&mut governor, TickLoad::from([3, 1]));
+        let with = fixed(&mut governor, load);
+        let due = 4.0 * 4096.0 * costs.box_test + 128.0 * costs.body;
+        assert!(((with - without) / due - 1.0).abs() < 1e-9, "{slow}");
+        let operations = governor.operations();
+        let more = TickLoad {
+            pairs: [27, 9],
+            body_steps: 600,
+            entries: 40,
+            ..load
+        };
+        governor.set_load(&more);
+        let now = governor.spent().total();
+        let pair = costs.prediction + costs.contact;
+        let due = 32.0 * pair + 472.0 * costs.body + 40.0 * costs.entry;
+        assert!(((now - with) / due - 1.0).abs() < 1e-9, "{slow}");
+        assert!(now <= governor.time.allowed(), "{slow}");
+        assert_eq!(governor.operations(), operations);
+        // It takes the time of everything else.
+        let needs = |load: TickLoad| TickNeed::new(costs, 1e-3, 96, load);
+        let (few, many) = (needs(TickLoad::from([3, 1])), needs(load));
+        assert!(many.fixed_ns > few.fixed_ns && many.operations <= few.operations);
+    }
+}
+
 #[test]
 fn one_long_tick_changes_nothing_and_two_do() {
     let mut governor = Governor::new(1e-3, 96);
