@@ -1,6 +1,6 @@
 //! The scene of a command: its file, what the command line changes in it, and its models.
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use hrtc::tuning::RUN_SECONDS;
 use scene::ScenePlan;
 use spm_builder::TerminalProgress;
@@ -41,7 +41,8 @@ impl SceneFile {
         let folder = tempfile::tempdir()
             .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
         let path = folder.path().join(name);
-        std::fs::write(&path, text).map_err(|error| Failure::write(&path, &error))?;
+        let wrong = |error: std::io::Error| Failure::write_at(Chosen::Temporary, &path, &error);
+        std::fs::write(&path, text).map_err(wrong)?;
         Ok(Self {
             path,
             _folder: Some(folder),

@@ -57,7 +57,10 @@ fn begins_before(path: &Path, ns: u64) -> Result<bool, RecordingError> {
 }
 
 /// Whether a file replays without those before it: it is the first, or begins with a keyframe.
-fn stands_alone(path: &Path) -> Result<bool, RecordingError> {
+///
+/// # Errors
+/// When it cannot be read.
+pub fn stands_alone(path: &Path) -> Result<bool, RecordingError> {
     let mut entries = RecordingReader::open(path)?;
     if entries.head().segment == 0 {
         return Ok(true);

@@ -36,7 +36,7 @@ mod shown;
 mod twin;
 mod worker;
 
-pub use black_box::write_black_box;
+pub use black_box::{stands_alone, write_black_box};
 pub use disk::RecordingPlace;
 pub use format::Hole;
 pub use head::RecordingHead;

@@ -174,11 +174,15 @@ impl Accumulator {
             }
             result.coarser_ticks += u64::from(!core.contact_asked);
             self.finest.push(core.finest_tolerance_m);
-            self.expected.push(if core.contact_tolerance_m < 0.0 {
-                core.certified_error_m
+            // Where even the coarsest ring is not loaded, the bound stands for it; a contact
+            // without one is counted above, and has no number.
+            if core.contact_tolerance_m < 0.0 {
+                if core.contact_bounded {
+                    self.expected.push(core.certified_error_m);
+                }
             } else {
-                core.contact_tolerance_m
-            });
+                self.expected.push(core.contact_tolerance_m);
+            }
             result.depth_m_max = max_or_nan(result.depth_m_max, core.depth_m);
             self.withheld.push(core.force_withheld);
         }
@@ -226,12 +230,8 @@ impl Accumulator {
         result.regions_subscribed = result.regions_subscribed.max(core.regions_subscribed);
         result.resubscribed = result.resubscribed.max(core.resubscribed);
         result.resent = result.resent.max(core.resent);
-        result.round_trip_ms = 1e3 * core.round_trip_s;
-        result.link_mbit_per_s = if core.link_bytes_per_s < 0.0 {
-            -1.0
-        } else {
-            8e-6 * core.link_bytes_per_s
-        };
+        result.round_trip_ms = times_or_none(1e3, core.round_trip_s);
+        result.link_mbit_per_s = times_or_none(8e-6, core.link_bytes_per_s);
         let cache = &mut result.cache;
         cache.evicted = cache.evicted.max(core.evicted);
         let limit = core.cache_limit_bytes;
@@ -523,11 +523,18 @@ impl ProbeResult {
             self.contact_ticks += 1;
             self.contact_full_ticks += u64::from(record.contact_full);
             self.coarser_ticks += u64::from(!record.contact_asked);
-            let certified = record.certified_error_m;
-            self.certified_error_m_max = max_or_nan(self.certified_error_m_max, certified);
+            if record.contact_bounded {
+                let certified = record.certified_error_m;
+                self.certified_error_m_max = max_or_nan(self.certified_error_m_max, certified);
+            }
             self.depth_m_max = max_or_nan(self.depth_m_max, record.depth_m);
         }
     }
+}
+
+/// A quantity in another unit; -1 for none, which is negative in any.
+fn times_or_none(factor: f64, value: f64) -> f64 {
+    if value < 0.0 { -1.0 } else { factor * value }
 }
 
 fn push_ns(table: &mut Fixed, ns: u32) {

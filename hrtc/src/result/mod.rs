@@ -87,7 +87,7 @@ pub struct ProbeResult {
     pub coarser_ticks: u64,
     /// Force over its ticks in contact, newtons.
     pub force_n: ShortSpread,
-    /// Largest certified error at its contact, metres.
+    /// Largest certified error at its contact, metres; over the contacts that have one.
     pub certified_error_m_max: f64,
     /// Largest depth of the device behind the proxy, metres.
     pub depth_m_max: f64,
@@ -245,8 +245,8 @@ pub struct RunResult {
     /// Finest expected error that was asked for in contact, metres: more than `tolerance_m` where
     /// the LOD controller chose a coarser level for lack of time or room.
     pub finest_tolerance_m: ShortSpread,
-    /// Expected error of the front at the contact, metres; the certified error where even the
-    /// coarsest ring was not loaded.
+    /// Expected error of the front at the contact, metres; the certified error, if there is one,
+    /// where even the coarsest ring was not loaded.
     pub expected_error_m: ShortSpread,
     /// Largest speed at full resolution by the estimate of the controller, m/s; 0 without a model.
     pub greatest_speed_m_per_s: f64,
@@ -346,11 +346,11 @@ pub struct RunResult {
     pub resubscribed: u64,
     /// Regions asked for again, with every record.
     pub resent: u64,
-    /// Smoothed time from a question to the station to its answer, at the end, milliseconds;
-    /// negative without one.
+    /// Smoothed time from a question to the station to its answer, at the end, milliseconds; -1
+    /// without one.
     pub round_trip_ms: f64,
     /// Rate of the link while it was the limit, at the end, megabits of messages a second, as they
-    /// travel; negative where it never was.
+    /// travel; -1 where it never was.
     pub link_mbit_per_s: f64,
     /// Bytes received.
     pub bytes_received: u64,

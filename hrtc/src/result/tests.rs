@@ -223,12 +223,20 @@ fn the_contact_is_accounted_from_its_first_tick() {
     let mut run = accumulator();
     for tick in 0..10_u64 {
         let contact = tick >= 4;
+        // Not even the coarsest ring: neither a bound nor an expected error.
+        let is_bounded = tick != 6;
+        let certified_error_m = if is_bounded {
+            1e-4 * tick as f64
+        } else {
+            f64::NAN
+        };
         let mut record = record(tick);
         record.core = CoreRecord {
             contact,
             contact_full: tick >= 6,
-            contact_bounded: tick != 6,
-            certified_error_m: 1e-4 * tick as f64,
+            contact_bounded: is_bounded,
+            contact_tolerance_m: if tick >= 5 { -1.0 } else { 1e-5 },
+            certified_error_m,
             measured_error_m: if tick == 7 { 2e-5 } else { -1.0 },
             bytes_received: 100 * tick,
             active_faces: 50 + tick as u32,
@@ -242,6 +250,8 @@ fn the_contact_is_accounted_from_its_first_tick() {
         record.core.probes[1] = ProbeRecord {
             contact,
             contact_full: tick >= 6,
+            contact_bounded: is_bounded,
+            certified_error_m,
             ..ProbeRecord::default()
         };
         record.wrenches[1].force = DVec3::new(0.0, 0.0, if contact { 2.0 } else { 0.0 });
@@ -258,10 +268,12 @@ fn the_contact_is_accounted_from_its_first_tick() {
     assert_eq!(result.contact_ticks, 6);
     assert_eq!(result.contact_full_ticks, 4);
     assert_eq!(result.contact_unbounded_ticks, 1);
+    assert_eq!(result.non_finite, [""; 0]);
     assert_eq!(result.bytes_to_first_touch, 400);
     assert_eq!(result.measured_errors, 1);
     assert!((result.measured_error_m.max - 2e-5).abs() < 1e-12);
     assert!((result.certified_error_m.max - 9e-4).abs() < 1e-12);
+    assert!((result.expected_error_m.max - 9e-4).abs() < 1e-12);
     assert_eq!(result.force_step_n_max, 2.0);
     assert!((result.force_n.p50 - 2.0).abs() < 2e-3);
     assert_eq!(result.energy_j, -0.5);
@@ -274,6 +286,7 @@ fn the_contact_is_accounted_from_its_first_tick() {
         (6, 4)
     );
     assert_eq!(touching.force_n, result.force_n);
+    assert_eq!(touching.certified_error_m_max, 1e-4 * 9.0);
     assert_eq!(result.vsplits, 30);
     assert_eq!(result.cache.high_water_bytes, 1000);
     assert_eq!(result.cache.bytes, 4096);
@@ -321,6 +334,8 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         record.wrenches[1].torque = DVec3::new(0.0, f64::NAN, 0.0);
         record.core.probes[0] = ProbeRecord {
             contact: true,
+            // A contact without a bound may have no number.
+            contact_bounded: true,
             certified_error_m: f64::NAN,
             depth_m: f64::NAN,
             energy_j: f64::NAN,
@@ -357,7 +372,9 @@ fn the_json_has_the_contracts_names_and_names_what_was_not_finite() {
         let named = result["non_finite"].as_array().unwrap();
         assert!(named.iter().any(|of| of == name), "{name}: {named:?}");
     }
-    assert!(result["probes"][0].get("energy_j").is_none());
+    for name in ["energy_j", "certified_error_m_max"] {
+        assert!(result["probes"][0].get(name).is_none(), "{name}");
+    }
     for name in ["force_n", "certified_error_m", "measured_error_m"] {
         assert!(json["series"][0].get(name).is_none(), "{name}");
     }
@@ -503,11 +520,14 @@ fn what_never_came_has_no_time() {
             contact: tick == 4,
             contact_full: false,
             ready: false,
+            round_trip_s: -1.0,
+            link_bytes_per_s: -1.0,
             ..record.core
         };
         run.push(&record);
     }
     let result = run.finish(RunMeta::default()).result;
+    assert_eq!((result.round_trip_ms, result.link_mbit_per_s), (-1.0, -1.0));
     assert_eq!(
         (result.first_heard_ms, result.first_force_ready_ms),
         (0.0, 0.0)

@@ -250,7 +250,8 @@ impl Monitor<'_> {
         result.safety.recording_errors = drained.recording_errors;
         result.force_limit_n = self.plan.safety.force_max_n.min(self.max_force_n);
         result.link_bytes = self.shared.traffic.bytes();
-        if result.bytes_received > 0 {
+        // Negative: it was never the limit.
+        if result.bytes_received > 0 && result.link_mbit_per_s >= 0.0 {
             // The tick counts whole chunks; over a line they travel compact.
             let travelled = result.link_bytes.chunks() as f64 / result.bytes_received as f64;
             result.link_mbit_per_s *= travelled;

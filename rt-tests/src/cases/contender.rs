@@ -4,7 +4,7 @@
 //! and proxy are its.
 
 use super::setup::Setup;
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::models::Model;
 use crate::peers::ball::{Answer, BallPeer, BallScene, PeerProgram, Step};
 use geometry::Pose;
@@ -14,7 +14,7 @@ use scene::{Effect, ScenePlan};
 use spm::SpmFile;
 use std::fs::File;
 use std::io::{BufWriter, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// One contender of one run of one case.
@@ -96,10 +96,7 @@ impl Contender {
                     file.write_all(&scene.message(0))?;
                     Ok(file)
                 };
-                Source::File(
-                    create().map_err(|error| Failure::write(&path, &error))?,
-                    path,
-                )
+                Source::File(create().map_err(|error| unwritten(&path, &error))?, path)
             }
         };
         Ok(Asking {
@@ -145,7 +142,7 @@ impl Asking {
                 let written = file.write_all(&Step::message(&[asked]));
                 written
                     .map(|()| None)
-                    .map_err(|error| Failure::write(path, &error))
+                    .map_err(|error| unwritten(path, &error))
             }
             None => return [DVec3::NAN; 2],
         };
@@ -170,6 +167,11 @@ impl Asking {
         }
         self.last
     }
+}
+
+/// A file of what is asked that cannot be written.
+fn unwritten(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::write_at(Chosen::EXPORT, path, error)
 }
 
 /// The full mesh of a model and what a ball meets on it.

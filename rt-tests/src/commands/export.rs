@@ -1,7 +1,7 @@
 //! `rt-tests export`: a recording as tables.
 
-use crate::failure::Failure;
-use crate::report::output::{make_folder, print};
+use crate::failure::{Chosen, Failure};
+use crate::report::output::{make_folder_at, print};
 use clap::Args;
 use hrtc::recorder::{Entry, RecordingReader};
 use hrtc::tick_record::{STAGES, TickRecord};
@@ -30,7 +30,7 @@ pub fn export(args: &ExportArgs) -> Result<(), Failure> {
         RecordingReader::open(&args.file).map_err(|error| Failure::Input(error.to_string()))?;
     let beside = args.file.with_extension("csv");
     let folder = args.csv.clone().flatten().unwrap_or(beside);
-    make_folder(&folder)?;
+    make_folder_at(Chosen::By("--csv"), &folder)?;
     let probes = reader.head().setup.position_resolutions_m.len();
     let written = write(reader, &folder, probes);
     let ticks = written.map_err(|e| Failure::Run(format!("{}: {e}", folder.display())))?;

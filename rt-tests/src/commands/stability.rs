@@ -19,9 +19,11 @@ use crate::cases::case::Logged;
 use crate::cases::contender::Contender;
 use crate::cases::setup::Setup;
 use crate::cases::{Case, Found, ProbeOfCase, Size, all};
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::peers::ball::PeerProgram;
-use crate::report::output::{make_folder, print, print_json, status_bar, write_json, write_whole};
+use crate::report::output::{
+    make_folder, make_folder_at, print, print_json, status_bar, write_json, write_whole,
+};
 use crate::report::table::Table;
 use crate::report::units::grouped;
 use clap::Args;
@@ -263,7 +265,7 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
     let program = program.map(Arc::new);
     let export = args.export.as_deref();
     if let Some(folder) = export {
-        make_folder(folder)?;
+        make_folder_at(Chosen::EXPORT, folder)?;
     }
     // First: it takes seconds, and what is wrong with model or peer is told before the cases.
     let step_times = match &program {

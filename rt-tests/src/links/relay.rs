@@ -45,12 +45,13 @@ pub struct Relayed {
     pub late_ms: Quantiles,
 }
 
-/// A running relay.
+/// A running relay; where it is dropped its thread ends, with the cables that it holds.
 pub struct Relay {
     stop: Arc<AtomicBool>,
     is_cut: Arc<AtomicBool>,
     is_calm: Arc<AtomicBool>,
-    thread: JoinHandle<Result<Relayed, String>>,
+    /// `None` once it was waited for.
+    thread: Option<JoinHandle<Result<Relayed, String>>>,
 }
 
 impl Relay {
@@ -68,7 +69,7 @@ impl Relay {
             stop,
             is_cut,
             is_calm,
-            thread,
+            thread: Some(thread),
         })
     }
 
@@ -86,10 +87,22 @@ impl Relay {
     ///
     /// # Errors
     /// What failed in it, as a sentence.
-    pub fn end(self) -> Result<Relayed, String> {
+    pub fn end(mut self) -> Result<Relayed, String> {
+        let ended = self.end_thread();
+        ended.unwrap_or_else(|| Err("the relay has ended already".to_string()))
+    }
+
+    /// Has the thread end and waits for it: the first time, with what it said.
+    fn end_thread(&mut self) -> Option<Result<Relayed, String>> {
         self.stop.store(true, Ordering::Relaxed);
-        let ended = self.thread.join();
-        ended.unwrap_or_else(|_| Err("the relay ended by a panic".to_string()))
+        let ended = self.thread.take()?.join();
+        Some(ended.unwrap_or_else(|_| Err("the relay ended by a panic".to_string())))
+    }
+}
+
+impl Drop for Relay {
+    fn drop(&mut self) {
+        let _ = self.end_thread();
     }
 }
 
@@ -196,5 +209,31 @@ fn wait<'a>(cables: impl Iterator<Item = &'a File>, next_ns: Option<u64>) {
             &raw const timeout,
             std::ptr::null(),
         );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::fd::OwnedFd;
+    use std::os::unix::net::UnixDatagram;
+
+    #[test]
+    fn a_relay_that_is_dropped_or_ended_leaves_no_thread() {
+        let cable = || {
+            let socket = UnixDatagram::unbound().expect("there is a socket");
+            let set = socket.set_nonblocking(true);
+            set.expect("it does not block");
+            File::from(OwnedFd::from(socket))
+        };
+        let relay = Relay::start(cable(), Vec::new()).expect("there is a thread");
+        // The thread has the other one.
+        let stop = Arc::clone(&relay.stop);
+        drop(relay);
+        assert_eq!(Arc::strong_count(&stop), 1);
+        let relay = Relay::start(cable(), Vec::new()).expect("there is a thread");
+        let stop = Arc::clone(&relay.stop);
+        assert!(relay.end().is_ok_and(|relayed| relayed.links.is_empty()));
+        assert_eq!(Arc::strong_count(&stop), 1);
     }
 }

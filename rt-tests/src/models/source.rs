@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use scene::ModelSource;
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh};
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 
 /// Seed of a generated shape.
@@ -44,6 +45,15 @@ pub fn typed_or(typed: &[String], default: &[&str]) -> Vec<String> {
     }
 }
 
+/// A name for files of a model of which no other of these names says the same: its own, or with a
+/// number behind it. It joins the names.
+pub fn unused(name: &str, names: &mut BTreeSet<String>) -> String {
+    let numbered = (2_u64..).map(|number| format!("{name}-{number}"));
+    let mut all = std::iter::once(name.to_string()).chain(numbered);
+    let free = all.find(|name| names.insert(name.clone()));
+    free.unwrap_or_default()
+}
+
 /// Opens or builds a model that was typed, in memory.
 ///
 /// # Errors
@@ -76,4 +86,17 @@ pub fn shape_soup(shape: &str, faces: u32) -> Result<SoupMesh, Failure> {
         .parse()
         .map_err(|_| Failure::Input(format!("{shape} is no shape")))?;
     Ok(generate(parsed, faces, SHAPE_SEED))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_of_one_name_get_names_of_their_own() {
+        let mut names = BTreeSet::new();
+        let typed = ["cow.ply", "cow.ply", "cow.ply-2", "cow.ply"];
+        let found = typed.map(|name| unused(name, &mut names));
+        assert_eq!(found, ["cow.ply", "cow.ply-2", "cow.ply-2-2", "cow.ply-3"]);
+    }
 }

@@ -49,6 +49,8 @@ macro_rules! precision {
             /// Faces of the last update, whose marks the next one takes back.
             changed: Vec<u32>,
             tool: Tool,
+            /// Nanoseconds that parry took to make the mesh with its tree.
+            pub build_ns: f64,
         }
 
         /// A tool in its own frame, and as it was moved last.
@@ -90,14 +92,18 @@ macro_rules! precision {
             /// What parry says.
             pub fn new(positions: &[DVec3], faces: &[[u32; 3]]) -> Result<Self, String> {
                 let positions = positions.iter().map(|&p| vector(p)).collect();
-                let mesh = $parry::shape::TriMesh::new(positions, faces.to_vec())
-                    .map_err(|error| error.to_string())?;
+                let faces = faces.to_vec();
+                let start = std::time::Instant::now();
+                let mesh = $parry::shape::TriMesh::new(positions, faces);
+                let build_ns = start.elapsed().as_nanos() as f64;
+                let mesh = mesh.map_err(|error| error.to_string())?;
                 let tree = mesh.bvh().clone();
                 Ok(Self {
                     mesh,
                     tree,
                     changed: Vec::with_capacity(64),
                     tool: Tool::default(),
+                    build_ns,
                 })
             }
         }

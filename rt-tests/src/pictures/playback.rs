@@ -1,7 +1,7 @@
 //! A recording, and the controller at any tick of it.
 
 use crate::failure::Failure;
-use hrtc::recorder::{Entry, RecordingError, RecordingPlace, RecordingReader, Twin};
+use hrtc::recorder::{Entry, RecordingError, RecordingPlace, RecordingReader, Twin, stands_alone};
 use hrtc::tick_record::TickRecord;
 use scene::ScenePlan;
 use std::ops::ControlFlow;
@@ -115,7 +115,8 @@ impl Playback {
     }
 
     /// Puts the recording through the controller again, from a tick or some before it, and shows
-    /// each tick with the controller after it, until told to stop or the recording ends.
+    /// each tick with the controller after it, until told to stop or the recording ends. Ticks
+    /// without their inputs are passed over.
     ///
     /// # Errors
     /// When a file cannot be read, or a tick gives other outputs than the controller's.
@@ -125,8 +126,13 @@ impl Playback {
         mut visit: impl FnMut(&TickRecord, &Twin) -> ControlFlow<()>,
     ) -> Result<(), Failure> {
         let first = self.files.iter().rposition(|file| file.first <= from);
+        let mut first = first.unwrap_or(0);
+        // After lost inputs a file may begin without the controller's state.
+        while first > 0 && !stands_alone(&self.files[first].path).map_err(input)? {
+            first -= 1;
+        }
         let mut fed = FedTwin::default();
-        for file in &self.files[first.unwrap_or(0)..] {
+        for file in &self.files[first..] {
             let reader = RecordingReader::open(&file.path).map_err(input)?;
             fed.begin(&reader)?;
             for entry in reader {

@@ -43,23 +43,29 @@ impl<'a> Shots<'a> {
         Self { playback, title }
     }
 
-    /// The picture of a tick.
+    /// The picture of a tick, and the tick that it shows: another one where the run skipped this
+    /// one, that after it.
     ///
     /// # Errors
     /// When the recording does not replay up to there.
-    pub fn still(&self, tick: u64) -> Result<Canvas, Failure> {
+    pub fn still(&self, tick: u64) -> Result<(u64, Canvas), Failure> {
         let mut canvas = None;
-        self.shoot(tick, tick, |picture| {
+        let shown = self.shoot(tick, tick, |picture| {
             canvas = Some(picture.draw(&picture.views()));
         })?;
-        canvas.ok_or_else(|| self.missing(tick))
+        shown.zip(canvas).ok_or_else(|| self.missing(tick))
     }
 
-    /// Pictures of the time around a tick, in its order, seen by a camera that goes with the probe.
+    /// Pictures of the time around a tick, in its order, seen by a camera that goes with the probe;
+    /// and the tick, as of [`Shots::still`].
     ///
     /// # Errors
     /// As those of [`Shots::still`].
-    pub fn film(&self, tick: u64, mut done: impl FnMut(usize)) -> Result<Vec<Canvas>, Failure> {
+    pub fn film(
+        &self,
+        tick: u64,
+        mut done: impl FnMut(usize),
+    ) -> Result<(u64, Vec<Canvas>), Failure> {
         let plan = &self.playback.plan;
         let [first, last] = self.playback.ticks;
         let ticks = |seconds: f64| (seconds * plan.loop_.rate_hz).round() as u64;
@@ -67,15 +73,16 @@ impl<'a> Shots<'a> {
         let until = (tick + ticks(AFTER_S)).min(last);
         // The first view is that of the moment, so that the film shows it as the still does.
         let mut views = None;
-        self.shoot(tick, tick, |picture| views = Some(picture.views()))?;
-        let mut views = views.ok_or_else(|| self.missing(tick))?;
+        let shown = self.shoot(tick, tick, |picture| views = Some(picture.views()))?;
+        let shown = shown.zip(views).ok_or_else(|| self.missing(tick));
+        let (shown, mut views) = shown?;
         let mut pictures = Vec::new();
         self.shoot(from, until, |picture| {
             follow(&mut views, picture.moment, pictures.is_empty());
             pictures.push(picture.draw(&views));
             done(pictures.len());
         })?;
-        Ok(pictures)
+        Ok((shown, pictures))
     }
 
     /// The picture of the greatest force in contact, else of the end, as a PNG file.
@@ -83,25 +90,25 @@ impl<'a> Shots<'a> {
     /// # Errors
     /// As those of [`Shots::still`].
     pub fn strongest_png(&self) -> Result<Vec<u8>, Failure> {
-        let tick = self.playback.shown_tick();
-        let png = self.still(tick)?.to_png();
+        let (_, picture) = self.still(self.playback.shown_tick())?;
+        let png = picture.to_png();
         png.map_err(|error| Failure::Run(error.to_string()))
     }
 
     fn missing(&self, tick: u64) -> Failure {
         Failure::Input(format!(
-            "the controller at {:.3} s cannot be had from the recording: inputs before it are missing",
+            "the controller at {:.3} s cannot be had from the recording: inputs up to it are missing",
             self.playback.seconds(tick)
         ))
     }
 
-    /// Shows the ticks from one to another, as many a second as a film has.
+    /// Shows the ticks from one to another, as many a second as a film has; the first one shown.
     fn shoot(
         &self,
         from: u64,
         until: u64,
         mut show: impl FnMut(&TouchPicture<'_>),
-    ) -> Result<(), Failure> {
+    ) -> Result<Option<u64>, Failure> {
         let plan = &self.playback.plan;
         let rate_hz = plan.loop_.rate_hz;
         let bodies: Vec<Body> = plan.probes.iter().map(|of| Body::new(&of.shape)).collect();
@@ -109,13 +116,17 @@ impl<'a> Shots<'a> {
         let step = (rate_hz / RATE).round().max(1.0) as u64;
         let begin = from.saturating_sub((TRAIL_S * rate_hz) as u64);
         let mut next = from;
+        let mut shown = None;
         self.playback.play(begin, |record, twin| {
-            if record.tick > until && next > from {
+            // A tick stands for those that were skipped before it, not for those that are missing.
+            let stands_from = record.tick.saturating_sub(u64::from(record.skipped));
+            if stands_from > until || (record.tick > until && shown.is_some()) {
                 return ControlFlow::Break(());
             }
             trails.take(record, twin);
             if record.tick >= next {
                 next = record.tick + step;
+                shown.get_or_insert(record.tick);
                 show(&TouchPicture {
                     plan,
                     title: &self.title,
@@ -129,7 +140,8 @@ impl<'a> Shots<'a> {
                 return ControlFlow::Break(());
             }
             ControlFlow::Continue(())
-        })
+        })?;
+        Ok(shown)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Standard output, JSON, files and the status line.
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 use std::io::Write;
@@ -45,12 +45,20 @@ pub fn print_either(json: bool, words: &str, value: &impl Serialize) -> Result<(
     }
 }
 
-/// Makes a folder for results, with those above it.
+/// Makes a folder for the results of `--out`, with those above it.
 ///
 /// # Errors
 /// When it cannot be made.
 pub fn make_folder(folder: &Path) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|error| Failure::write(folder, &error))
+    make_folder_at(Chosen::OUT, folder)
+}
+
+/// Makes a folder, with those above it.
+///
+/// # Errors
+/// When it cannot be made.
+pub fn make_folder_at(chosen: Chosen, folder: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(folder).map_err(|error| Failure::write_at(chosen, folder, &error))
 }
 
 /// Writes a value as JSON, one field a line.
@@ -66,11 +74,19 @@ fn no_json(error: serde_json::Error) -> Failure {
     Failure::Run(format!("the result has no JSON ({error})"))
 }
 
-/// Writes a file whole or not at all.
+/// Writes a file of `--out` whole or not at all.
 ///
 /// # Errors
 /// When it cannot be written.
 pub fn write_whole(path: &Path, contents: &[u8]) -> Result<(), Failure> {
+    write_whole_at(Chosen::OUT, path, contents)
+}
+
+/// Writes a file whole or not at all.
+///
+/// # Errors
+/// When it cannot be written.
+pub fn write_whole_at(chosen: Chosen, path: &Path, contents: &[u8]) -> Result<(), Failure> {
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
@@ -84,7 +100,7 @@ pub fn write_whole(path: &Path, contents: &[u8]) -> Result<(), Failure> {
         file.persist(path)?;
         Ok(())
     };
-    write().map_err(|error| Failure::write(path, &error))
+    write().map_err(|error| Failure::write_at(chosen, path, &error))
 }
 
 /// A spinner on standard error with the elapsed time and a message; silent without a terminal.

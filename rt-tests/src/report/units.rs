@@ -1,13 +1,14 @@
 //! Numbers with their units as a person reads them.
 
-/// A share in percent, never rounded up to 100; "none" of nothing.
+/// A share in percent, rounded down to hundredths, so that 100 is the whole; "none" of nothing.
 #[must_use]
 pub fn percent(part: u64, whole: u64) -> String {
     if whole == 0 {
         return "none".to_string();
     }
-    let share = 100.0 * part as f64 / whole as f64;
-    format!("{:.2} %", (share * 100.0).floor() / 100.0)
+    // In whole numbers: in floating point 1.15 % has fewer than 115 hundredths.
+    let hundredths = u128::from(part) * 10_000 / u128::from(whole);
+    format!("{}.{:02} %", hundredths / 100, hundredths % 100)
 }
 
 /// A share of 1 in percent, with three digits.
@@ -108,6 +109,8 @@ mod tests {
         assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(percent(99_999, 100_000), "99.99 %");
         assert_eq!(percent(1, 1), "100.00 %");
+        assert_eq!(percent(115, 10_000), "1.15 %");
+        assert_eq!(percent(u64::MAX - 1, u64::MAX), "99.99 %");
         assert_eq!(percent(0, 0), "none");
         assert_eq!(bytes(3 << 20), "3.0 MiB");
     }

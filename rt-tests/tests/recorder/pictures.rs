@@ -2,6 +2,7 @@
 
 use crate::world::{SCENES, World};
 use crate::{place, random};
+use hrtc::recorder::{Entry, RecordingReader};
 use rand::Rng;
 use rt_tests::pictures::moment::{Fineness, Moment};
 use rt_tests::pictures::playback::Playback;
@@ -76,7 +77,8 @@ fn a_picture_and_a_film_are_drawn_and_times_beyond_the_recording_refused() {
         "drawn twice it is the same"
     );
     let mut count = 0;
-    let film = shots.film(tick, |_| count += 1).unwrap();
+    let (shown, film) = shots.film(tick, |_| count += 1).unwrap();
+    assert_eq!((shown, still.0), (tick, tick));
     assert!(film.len() == count && count > 5, "{count}");
     assert!(film.windows(2).all(|pair| pair[0] != pair[1]), "it moves");
     for seconds in [-1.0, 1.5, f64::NAN] {
@@ -107,4 +109,27 @@ fn files_of_an_earlier_run_beside_are_not_shown() {
     assert_eq!(world.record(place(folder.path(), 1 << 30), None).len(), 1);
     let playback = Playback::open(&folder.path().join("run.mcap")).unwrap();
     assert_eq!(playback.ticks, [0, 399]);
+}
+
+/// A file that ends early leaves ticks without inputs between it and the next one.
+#[test]
+fn of_a_tick_that_is_missing_no_other_one_is_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let (name, text) = SCENES[0];
+    let world = World::run(folder.path(), name, text, TICKS as usize);
+    let files = world.record(place(folder.path(), 6 << 20), None);
+    assert!(files.len() > 1, "{files:?}");
+    let bytes = std::fs::read(&files[0]).unwrap();
+    std::fs::write(&files[0], &bytes[..bytes.len() * 3 / 4]).unwrap();
+    let mut entries = RecordingReader::open(&files[1]).unwrap();
+    let next = entries.find_map(|entry| match entry {
+        Entry::Tick(record) => Some(record.tick),
+        _ => None,
+    });
+    let next = next.unwrap();
+    let playback = Playback::open(&folder.path().join("run.mcap")).unwrap();
+    let shots = Shots::new(&playback);
+    let refused = shots.still(next - 1).map(|of| of.0).unwrap_err();
+    assert!(refused.to_string().contains("are missing"), "{refused}");
+    assert_eq!(shots.still(next).map(|of| of.0), Ok(next));
 }

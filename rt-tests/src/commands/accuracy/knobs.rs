@@ -1,9 +1,9 @@
 //! The settings beside the tolerance, each turned alone from the product's defaults.
 
 use super::result::{Knob, Point};
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::models::source::shape_soup;
-use crate::report::output::write_whole;
+use crate::report::output::write_whole_at;
 use crate::report::units::{bytes, grouped};
 use crate::trajectory::scene_model::SceneModel;
 use hrtc_core::Controller;
@@ -186,7 +186,7 @@ fn build(mesh: &SoupMesh, options: &BuildOptions, path: &Path) -> Result<ModelSo
     let parts = build_model(mesh.clone(), options, &NoProgress).map_err(|error| failed(&error))?;
     let mut bytes = Vec::new();
     write_spm(&parts, &mut bytes).map_err(|error| failed(&error))?;
-    write_whole(path, &bytes)?;
+    write_whole_at(Chosen::Temporary, path, &bytes)?;
     Ok(ModelSource::File(path.to_path_buf()))
 }
 

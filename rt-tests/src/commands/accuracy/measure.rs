@@ -2,6 +2,7 @@
 
 use super::knobs::{Beside, Variant};
 use super::result::Point;
+use crate::clocks::Clocks;
 use crate::failure::Failure;
 use crate::report::quantile::{Quantiles, median};
 use crate::trajectory::reference::{Reference, come_to_rest};
@@ -12,7 +13,6 @@ use hrtc::run::FIXED_BYTES;
 use hrtc_core::Controller;
 use hrtc_core::contact::query::{Surface, faces_within};
 use hrtc_core::record::max_or_nan;
-use realtime::rights::thread_cpu_ns;
 use scene::ScenePlan;
 use simulator::InputRecording;
 use spm::FileError;
@@ -84,6 +84,7 @@ pub fn measure(
     let settled = come_to_rest(&mut simulation, reference.rest, ready)?;
     point.settled_ms = settled as f64 * period_ms;
     let start = simulation.tick() as usize;
+    let clocks = Clocks::new();
     let mut all = Contacts::default();
     let mut before = reference.rest.pose.position;
     let mut stretches = Stretches::new(rounding);
@@ -120,7 +121,7 @@ pub fn measure(
                 point.bytes_until_full = mesh_bytes;
             }
             if point.contact_ticks.is_multiple_of(TOOL_EVERY) {
-                let (faces, us) = tool(simulation.controller(), contact.point, scale);
+                let (faces, us) = tool(simulation.controller(), contact.point, scale, clocks);
                 all.tool_faces.push(faces);
                 all.tool_us.push(us);
             }
@@ -230,23 +231,27 @@ fn fill(point: &mut Point, all: &mut Contacts) {
     point.tool_us = Quantiles::of(&mut all.tool_us).p50;
 }
 
-/// Faces of the front within a tool's radius of a contact, and the time to find them, µs of
-/// processor time.
-fn tool(controller: &Controller, at: DVec3, scale: f64) -> (f64, f64) {
+/// Faces of the front within a tool's radius of a contact, and the time to find them, µs: the least
+/// of three, without what reading the clocks takes.
+fn tool(controller: &Controller, at: DVec3, scale: f64, clocks: Clocks) -> (f64, f64) {
     let surface = Surface {
         mesh: controller.cache().mesh(),
         tree: controller.cache().tree(),
     };
+    let reach = TOOL_RADIUS_M / scale;
     let mut best = f64::INFINITY;
-    let mut faces = 0_u32;
+    let mut faces = 0;
     for _ in 0..3 {
-        let before = thread_cpu_ns();
-        faces = 0;
-        faces_within(surface, at, TOOL_RADIUS_M / scale, |_, _| {
-            faces += 1;
-            TOOL_RADIUS_M / scale
+        let (ns, found) = clocks.time(|| {
+            let mut found = 0_u32;
+            faces_within(surface, at, reach, |_, _| {
+                found += 1;
+                reach
+            });
+            found
         });
-        best = best.min((thread_cpu_ns() - before) as f64 * 1e-3);
+        faces = found;
+        best = best.min(ns * 1e-3);
     }
     (f64::from(faces), best)
 }

@@ -165,6 +165,9 @@ fn study(
     }
     let faster = faster(model, args, line)?.into_iter();
     points.extend(faster.map(|setting| setting.point));
+    for point in &mut points {
+        point.model_place = found.bytes.len();
+    }
     let checks = checks::checks(model, &reference, &points);
     found.checks.extend(checks);
     found.bytes.push(bytes(model, &points));

@@ -33,7 +33,7 @@ impl<'a> Group<'a> {
         let mut groups: Vec<Self> = Vec::new();
         for point in &found.points {
             match groups.last_mut() {
-                Some(group) if group.name == point.model => group.points.push(point),
+                Some(group) if group.place() == point.model_place => group.points.push(point),
                 _ => groups.push(Self {
                     name: &point.model,
                     points: vec![point],
@@ -45,6 +45,11 @@ impl<'a> Group<'a> {
             group.bytes = Some(bytes);
         }
         groups
+    }
+
+    /// The place of its model; each has a point.
+    fn place(&self) -> usize {
+        self.points.first().map_or(0, |point| point.model_place)
     }
 
     /// The settings of a knob under the hand at its own speed.
@@ -143,7 +148,7 @@ pub fn page(found: &Accuracy, machine: &Machine) -> String {
     checks(&mut html, found);
     let _ = writeln!(
         html,
-        "<p class=\"small\">Measured on {}, kernel {} ({}). Times are processor time of one thread; a tick's time is the least of {REPEATS} replays of that very tick, with the settings in turns, so that whatever slows the machine for a while slows them all. Absolute times still drift from run to run on a virtual machine: compare points of one page, not of two. The same numbers are in accuracy.csv and accuracy.json beside this page.</p>",
+        "<p class=\"small\">Measured on {}, kernel {} ({}). Times are processor time of one thread; a tick's time is the least of {REPEATS} replays of that very tick, with the settings in turns, so that whatever slows the machine for a while slows them all. Those of a tool's queries are the least of three at one contact, taken while other settings are measured on the other cores. Absolute times still drift from run to run on a virtual machine: compare points of one page, not of two. The same numbers are in accuracy.csv and accuracy.json beside this page.</p>",
         escaped(&machine.processor),
         escaped(&machine.kernel),
         escaped(&machine.preemption)
@@ -181,17 +186,23 @@ fn summary(html: &mut String, groups: &[Group<'_>]) {
         return;
     }
     let size = |n: f64| bytes(n as u64);
+    let reached: Vec<u64> = rows
+        .iter()
+        .filter_map(|row| u64::try_from(row.0.local_full_bytes).ok())
+        .collect();
+    let needed = span(reached.iter().map(|&bytes| bytes as f64), size);
+    let full = match reached.len() {
+        0 => "was never reached".to_string(),
+        all if all == rows.len() => format!("has needed {needed}"),
+        _ => format!("has needed {needed} where it was reached"),
+    };
     let ms = |n: f64| format!("{} ms", digits(n));
     let us = |n: f64| format!("{} µs", digits(n));
     html.push_str("<h2>What refinement buys</h2>\n<ul>\n");
     let _ = writeln!(
         html,
-        "<li><b>Bytes.</b> A first touch needs header and base mesh: {}, whatever the mesh. The first contact at full resolution has needed {}, where the plain mesh is {}.</li>",
+        "<li><b>Bytes.</b> A first touch needs header and base mesh: {}, whatever the mesh. The first contact at full resolution {full}; the plain mesh is {}.</li>",
         span(rows.iter().map(|r| r.0.first_touch_bytes as f64), size),
-        span(
-            rows.iter().map(|r| r.0.local_full_bytes.max(0) as f64),
-            size
-        ),
         span(rows.iter().map(|r| r.0.plain_bytes as f64), size)
     );
     let _ = writeln!(
@@ -364,6 +375,7 @@ fn stages(html: &mut String, groups: &[Group<'_>]) {
         "boxes",
         "query and proxy",
         "force and limiter",
+        "broad phase",
     ];
     for (name, color) in names.iter().zip(COLORS) {
         let _ = write!(

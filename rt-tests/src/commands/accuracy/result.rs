@@ -66,7 +66,8 @@ impl Knob {
     pub fn is_same_touch(self) -> bool {
         !matches!(
             self,
-            Self::Effect
+            Self::Rate
+                | Self::Effect
                 | Self::ToolFaces
                 | Self::Iterations
                 | Self::ContactOffset
@@ -137,20 +138,22 @@ pub struct StageTimes {
     pub query: StageQuantiles,
     /// Force and its limiter.
     pub force: StageQuantiles,
+    /// The broad phase: little, with one object.
+    pub broad_phase: StageQuantiles,
 }
 
 impl StageTimes {
     /// With their names, in the order of a tick.
     #[must_use]
-    pub fn named(&self) -> [(&'static str, StageQuantiles); 5] {
-        // One object needs no broad phase.
-        let [inbox, refine, refit, query, force, _] = STAGES;
+    pub fn named(&self) -> [(&'static str, StageQuantiles); STAGES.len()] {
+        let [inbox, refine, refit, query, force, broad_phase] = STAGES;
         [
             (inbox, self.inbox),
             (refine, self.refine),
             (refit, self.refit),
             (query, self.query),
             (force, self.force),
+            (broad_phase, self.broad_phase),
         ]
     }
 }
@@ -164,6 +167,9 @@ pub const FASTER: f64 = 4.0;
 pub struct Point {
     /// The model.
     pub model: String,
+    /// Its place among those measured: two may have one name.
+    #[serde(skip)]
+    pub model_place: usize,
     /// What was turned.
     pub knob: Knob,
     /// The tolerance asked for, m, where 0 is the full mesh; for a prefix the count of splits; of
@@ -252,7 +258,7 @@ pub struct Point {
     pub brute_apart_m: f64,
     /// Faces of the front within a tool's radius of the contact, median.
     pub tool_faces: f64,
-    /// Time to find them, µs of processor time, median.
+    /// Time to find them, µs, median; taken while other settings are measured on other cores.
     pub tool_us: f64,
     /// Hash over every tick's outputs.
     pub replay_hash: u64,

@@ -65,7 +65,8 @@ fn settings(points: &[Point]) -> Table {
 #[must_use]
 pub fn words(found: &Accuracy) -> String {
     let mut text = String::new();
-    for points in found.points.chunk_by(|a, b| a.model == b.model) {
+    let models = found.points.chunk_by(|a, b| a.model_place == b.model_place);
+    for points in models {
         let _ = writeln!(text, "\n{}\n{}", points[0].model, settings(points));
     }
     let heads = "bytes over the link | vertices | faces | first touch | local at full | \
@@ -96,7 +97,7 @@ pub fn words(found: &Accuracy) -> String {
 #[must_use]
 pub fn csv(found: &Accuracy) -> String {
     let mut text = String::from(
-        "model,knob,value,label,setting,speed_m_per_s,tick_p50_us,tick_p99_us,tick_p999_us,inbox_mean_us,refine_mean_us,refit_mean_us,query_mean_us,force_mean_us,certified_m,certified_p50_m,true_m,true_p50_m,measured_m,normal_deg,normal_p50_deg,force_n,force_p50_n,energy_j,certified_over_true_p50,bytes,bytes_until_ready,rss_bytes,cache_bytes,faces_p50,ready_ms,settled_ms,contact_ticks,contact_full_ticks,tool_faces,tool_us\n",
+        "model,knob,value,label,setting,speed_m_per_s,tick_p50_us,tick_p99_us,tick_p999_us,inbox_mean_us,refine_mean_us,refit_mean_us,query_mean_us,force_mean_us,broad_phase_mean_us,certified_m,certified_p50_m,true_m,true_p50_m,measured_m,normal_deg,normal_p50_deg,force_n,force_p50_n,energy_j,certified_over_true_p50,bytes,bytes_until_ready,rss_bytes,cache_bytes,faces_p50,ready_ms,settled_ms,contact_ticks,contact_full_ticks,tool_faces,tool_us\n",
     );
     for p in &found.points {
         let stages = p.stage_us.named().map(|(_, stage)| stage.mean);

@@ -1,7 +1,7 @@
 //! Times of the settings' ticks, from their recorded inputs.
 
 use super::measure::Measured;
-use super::result::StageQuantiles;
+use super::result::{StageQuantiles, StageTimes};
 use crate::failure::Failure;
 use crate::report::quantile::Quantiles;
 use crate::trajectory::scene_model::SceneModel;
@@ -46,16 +46,37 @@ fn summarise(setting: &mut Measured, least: &[[u32; STAGES]]) {
     let point = &mut setting.point;
     point.tick_us = Quantiles::of(&mut times);
     point.all_tick_us = Quantiles::of(&mut all);
+    point.stage_us = stage_times(&touching);
+}
+
+/// The stages of some ticks.
+fn stage_times(ticks: &[&[u32; STAGES]]) -> StageTimes {
     let mut stages = [StageQuantiles::default(); STAGES];
     for (place, stage) in stages.iter_mut().enumerate() {
-        let mut times: Vec<f64> = touching.iter().map(|ns| us(u64::from(ns[place]))).collect();
+        let mut times: Vec<f64> = ticks.iter().map(|ns| f64::from(ns[place]) * 1e-3).collect();
         let mean = times.iter().sum::<f64>() / times.len().max(1) as f64;
         *stage = StageQuantiles::of(mean, &Quantiles::of(&mut times));
     }
-    let [inbox, refine, refit, query, force, _] = stages;
-    point.stage_us.inbox = inbox;
-    point.stage_us.refine = refine;
-    point.stage_us.refit = refit;
-    point.stage_us.query = query;
-    point.stage_us.force = force;
+    let [inbox, refine, refit, query, force, broad_phase] = stages;
+    StageTimes {
+        inbox,
+        refine,
+        refit,
+        query,
+        force,
+        broad_phase,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_means_of_the_stages_sum_up_to_that_of_a_tick() {
+        let ticks = [[1_000, 2_000, 3_000, 4_000, 5_000, 6_000], [500; STAGES]];
+        let means = stage_times(&[&ticks[0], &ticks[1]]).named();
+        let sum: f64 = means.iter().map(|(_, stage)| stage.mean).sum();
+        assert!((sum - 12.0).abs() < 1e-12, "{sum}");
+    }
 }

@@ -187,34 +187,56 @@ impl Line {
     /// The greatest speed at full resolution.
     #[must_use]
     pub fn speed(plan: &ScenePlan, run: &RunResult) -> Self {
-        let hand = match plan.probes[0].trajectory {
-            TrajectoryPlan::Tour { speed_m_per_s, .. } => speed_m_per_s,
-            TrajectoryPlan::Points(_) => 0.0,
-        };
+        Self::speed_beside(hand_speed(&plan.probes[0].trajectory), run)
+    }
+
+    /// The same beside the speed of the scene's hand, m/s.
+    fn speed_beside(hand: Option<f64>, run: &RunResult) -> Self {
         let greatest = run.greatest_speed_m_per_s;
-        let verdict = if hand > 0.0 {
-            Verdict::large(greatest / hand, SPEED_RATIOS)
-        } else {
-            Verdict::Good
+        let verdict = match hand {
+            Some(hand) => Verdict::large(greatest / hand, SPEED_RATIOS),
+            None if greatest > 0.0 => Verdict::Good,
+            // Nothing moves at full resolution, whatever the hand does.
+            None => Verdict::Bad,
         };
+        let beside = hand.map_or(
+            "the scene has no path of a hand to compare with".to_string(),
+            |hand| format!("the scene's hand goes at {}", digits(hand)),
+        );
         Self::new(
             "greatest speed",
             verdict,
             format!(
-                "{} m/s at full resolution on {} of {} faces; the scene's hand goes at {}",
+                "{} m/s at full resolution on {} of {} faces; {beside}",
                 digits(greatest),
                 run.model,
                 run.faces,
-                digits(hand)
             ),
             "more operations in [loop], or a coarser tolerance: above it resolution follows speed",
         )
     }
 }
 
+/// Greatest speed of a hand on its path, m/s; `None` without a path, or where it stands still.
+fn hand_speed(path: &TrajectoryPlan) -> Option<f64> {
+    let speed = match path {
+        TrajectoryPlan::Tour { speed_m_per_s, .. } => *speed_m_per_s,
+        TrajectoryPlan::Points(points) => points
+            .windows(2)
+            .map(|pair| {
+                let [(from_s, from), (until_s, until)] = [pair[0], pair[1]];
+                from.position.distance(until.position) / (until_s - from_s)
+            })
+            .fold(0.0, f64::max),
+    };
+    (speed > 0.0).then_some(speed)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geometry::Pose;
+    use glam::DVec3;
 
     #[test]
     fn a_verdict_is_that_of_the_worse_and_no_number_is_bad() {
@@ -237,6 +259,39 @@ mod tests {
         assert_eq!(Verdict::large(2.0, FORCE_RATIOS), Verdict::Good);
         assert_eq!(Verdict::large(0.5, FORCE_RATIOS), Verdict::Fair);
         assert_eq!(Verdict::large(0.1, FORCE_RATIOS), Verdict::Bad);
+    }
+
+    #[test]
+    fn the_greatest_speed_is_compared_with_that_of_any_path() {
+        let at = |x: f64| Pose {
+            position: DVec3::new(x, 0.0, 0.0),
+            ..Pose::IDENTITY
+        };
+        let points = |points: &[(f64, f64)]| {
+            let points = points.iter().map(|&(s, x)| (s, at(x)));
+            hand_speed(&TrajectoryPlan::Points(points.collect()))
+        };
+        let hand = points(&[(0.0, 0.0), (1.0, 0.25), (1.5, 0.5), (2.5, 0.5)]);
+        assert_eq!(hand, Some(0.5));
+        assert_eq!(points(&[]), None);
+        assert_eq!(points(&[(0.0, 0.1), (9.0, 0.1)]), None);
+        for (hand, greatest, verdict) in [
+            (hand, 0.5, Verdict::Good),
+            (hand, 0.2, Verdict::Fair),
+            (hand, 0.1, Verdict::Bad),
+            (hand, 0.0, Verdict::Bad),
+            (None, 0.1, Verdict::Good),
+            (None, 0.0, Verdict::Bad),
+            (None, f64::NAN, Verdict::Bad),
+        ] {
+            let run = RunResult {
+                greatest_speed_m_per_s: greatest,
+                ..RunResult::default()
+            };
+            let line = Line::speed_beside(hand, &run);
+            assert_eq!(line.verdict, verdict, "{hand:?}, {greatest}");
+            assert_eq!(line.says.contains("no path"), hand.is_none());
+        }
     }
 
     #[test]

@@ -62,7 +62,7 @@ pub struct Check {
     pub machine: Machine,
     /// The worst verdict of all lines.
     pub verdict: Verdict,
-    /// Highest rate whose wake-ups are good, Hz; 0 for none.
+    /// Highest rate up to which all wake-ups are good, Hz; 0 for none.
     pub rate_hz: f64,
     /// Stiffest wall, N/m.
     pub k_max_n_per_m: f64,
@@ -82,16 +82,13 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     prepare_models(&plan)?;
     let progress = status_line();
     let mut lines = Vec::new();
-    let mut rate_hz = 0.0;
     for rate in RATES_HZ {
         progress.set_message(format!("a bare loop of {rate} Hz for {LOOP_S} s"));
         let finished = bare(&plan, rate)?;
-        let line = Line::wake_up(rate, &finished.result);
-        if line.verdict == Verdict::Good {
-            rate_hz = rate;
-        }
-        lines.push(line);
+        lines.push(Line::wake_up(rate, &finished.result));
     }
+    let verdicts = lines.iter().map(|line| line.verdict);
+    let rate_hz = good_up_to(RATES_HZ.into_iter().zip(verdicts));
     progress.set_message(format!("a touch of both processes for {TOUCH_S} s"));
     // What the processes say of rights and misses is in the lines.
     let mut show = |_: Shown<'_>| ();
@@ -117,6 +114,12 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
         lines,
     };
     print_either(args.json, &words(&found), &found)
+}
+
+/// The highest of ascending rates up to which each is good, Hz; 0 for none.
+fn good_up_to(rates: impl Iterator<Item = (f64, Verdict)>) -> f64 {
+    let good = rates.take_while(|(_, verdict)| *verdict == Verdict::Good);
+    good.last().map_or(0.0, |(rate_hz, _)| rate_hz)
 }
 
 /// A bare loop of this rate.
@@ -157,4 +160,22 @@ fn words(found: &Check) -> String {
     };
     let _ = writeln!(text, "\n\nThis machine is good for haptics {rate}.");
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rate_above_one_that_is_not_good_is_not_good() {
+        use Verdict::{Bad, Fair, Good};
+        for (verdicts, rate_hz) in [
+            ([Good, Good, Good], 4000.0),
+            ([Good, Fair, Good], 1000.0),
+            ([Bad, Good, Good], 0.0),
+        ] {
+            let rates = RATES_HZ.into_iter().zip(verdicts);
+            assert_eq!(good_up_to(rates), rate_hz, "{verdicts:?}");
+        }
+    }
 }

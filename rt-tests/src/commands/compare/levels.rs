@@ -207,7 +207,9 @@ pub fn broken(growth: &[Level]) -> Vec<String> {
         ("time", last.p50_ns / first.p50_ns),
         ("pairs of nodes", last.node_pairs / first.node_pairs),
     ];
-    let beyond = grown.into_iter().filter(|&(_, grown)| grown > allowed);
+    // What is no number keeps no limit.
+    let is_kept = |grown: f64| grown <= allowed;
+    let beyond = grown.into_iter().filter(|&(_, grown)| !is_kept(grown));
     beyond
         .map(|(what, grown)| {
             format!(
@@ -265,6 +267,8 @@ mod tests {
             broken(&[first.clone(), level(1_000_000, 210.0, 99.0)]).len(),
             1
         );
+        let no_number = level(1_000_000, f64::NAN, 99.0);
+        assert_eq!(broken(&[first.clone(), no_number]).len(), 1);
         assert_eq!(broken(&[first, level(1_000_000, 210.0, 101.0)]).len(), 2);
         assert_eq!(broken(&[]), [""; 0]);
     }

@@ -264,9 +264,11 @@ pub fn broken(markings: &[Marking], shares: &[UpdateShare]) -> Vec<String> {
                 row.model, row.deformed, row.marked_max, row.bound
             )
         });
+    // What is no number keeps no limit.
+    let is_kept = |row: &UpdateShare| row.share_p50 <= MAX_SHARE;
     let slow = shares
         .iter()
-        .filter(|row| row.share_p50 > MAX_SHARE)
+        .filter(|&row| !is_kept(row))
         .map(|row| {
             format!(
                 "{}, {}: an update of {:.0} % of the faces is {:.2} of the query, at most {MAX_SHARE} is allowed",
@@ -346,5 +348,6 @@ mod tests {
         };
         assert_eq!(broken(&[marking(12)], &[share(0.15)]), [""; 0]);
         assert_eq!(broken(&[marking(13)], &[share(0.16)]).len(), 2);
+        assert_eq!(broken(&[], &[share(f64::NAN)]).len(), 1);
     }
 }

@@ -32,9 +32,9 @@ pub(super) mod timing;
 pub(super) mod tools;
 pub(super) mod update;
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::models::Model;
-use crate::models::source::{open, typed_or};
+use crate::models::source::{open, typed_or, unused};
 use crate::models::surface::Surface;
 use crate::peers::parry::Mesh;
 use crate::report::output::{make_folder, print_either, write_json, write_whole};
@@ -50,9 +50,9 @@ use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use row::{Row, Who};
 use serde::Serialize;
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";
@@ -79,7 +79,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "FACES", default_value_t = 1_000_000)]
     pub growth: u32,
     /// Write the questions to a folder, so that other libraries can be asked the same; of several
-    /// models, each to a folder of its name in it
+    /// models, each to a folder of its name in it, with a number behind a name that came before
     #[arg(long, value_name = "DIR")]
     pub export: Option<PathBuf>,
     /// Ask further libraries by this program, built from rt-tests/peers
@@ -128,13 +128,14 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         broken: Vec::new(),
     };
     let models = typed_or(&args.models, &[DEFAULT_MODEL]);
+    let mut names = BTreeSet::new();
     for typed in &models {
         eprintln!("{typed}: building");
         let model = open(typed)?;
         eprintln!("{typed}: measuring");
         let export = args.export.as_ref().map(|folder| match models.len() {
             1 => folder.clone(),
-            _ => folder.join(&model.name),
+            _ => folder.join(unused(&model.name, &mut names)),
         });
         let others = Others {
             program: args.peers.as_deref(),
@@ -190,8 +191,11 @@ impl Others<'_> {
         }
         let kept_nowhere = tempfile::tempdir()
             .map_err(|error| Failure::Run(format!("no temporary folder ({error})")))?;
-        let folder = self.export.as_deref().unwrap_or(kept_nowhere.path());
-        asked.write(mesh, folder)?;
+        let (chosen, folder) = match &self.export {
+            Some(folder) => (Chosen::EXPORT, folder.as_path()),
+            None => (Chosen::Temporary, kept_nowhere.path()),
+        };
+        asked.write(mesh, chosen, folder)?;
         match self.program {
             Some(program) => peers::rows(program, folder, model, asked),
             None => Ok(Vec::new()),
@@ -213,12 +217,8 @@ impl Measured {
         let asked = Questions::new(model, &full, every, &mut random)?;
         let mut front = FullFront::new(model)?;
         let mesh = FullMesh::new(model);
-        let start = Instant::now();
         let mut single = closest::single(model, &mesh)?;
-        let single_ns = start.elapsed().as_nanos() as f64;
-        let start = Instant::now();
         let mut double = closest::double(model, &mesh)?;
-        let double_ns = start.elapsed().as_nanos() as f64;
         let both: [&dyn Mesh; 2] = [&single, &double];
         let mut rows = closest::rows(model, &asked, &front, both)?;
         let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
@@ -234,8 +234,8 @@ impl Measured {
         ));
         let built = [
             (Who::OursFull, front.build_ns, front.bytes()),
-            (Who::ParryF32, single_ns, single.bytes()),
-            (Who::ParryF64, double_ns, double.bytes()),
+            (Who::ParryF32, single.build_ns, single.bytes()),
+            (Who::ParryF64, double.build_ns, double.bytes()),
         ];
         rows.extend(built.map(|(who, ns, bytes)| Row {
             bytes: bytes as u64,

@@ -7,8 +7,16 @@ use super::row::{Row, Who};
 use super::timing::Timed;
 use crate::failure::Failure;
 use crate::models::Model;
-use std::path::Path;
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
 use std::process::Command;
+
+/// Who is asked, and how the files of its answers begin.
+const ASKED: [(Who, &str); 3] = [
+    (Who::Embree, "embree"),
+    (Who::Fcl, "fcl"),
+    (Who::FclMoved, "fcl_moved"),
+];
 
 /// Runs the program on a folder of questions and reads what it wrote there: rows of every library
 /// and task that it answered.
@@ -27,6 +35,8 @@ pub fn rows(
             program.display()
         ))
     };
+    let tools = asked.tools.iter().map(|tool| tool.task);
+    remove_earlier(folder, [PATH, MEMORY, COLD].into_iter().chain(tools))?;
     let ended = Command::new(program).arg(folder).status();
     let status = ended.map_err(|error| failed(&format!("cannot be run ({error})")))?;
     if !status.success() {
@@ -41,12 +51,8 @@ pub fn rows(
     let near = TOLERANCES[1] * diagonal;
     let paths = [PATH, MEMORY, COLD].map(|task| (task, &asked.expected, near));
     for (task, expected, tolerance) in paths.into_iter().chain(tools) {
-        for (who, name) in [
-            (Who::Embree, "embree"),
-            (Who::Fcl, "fcl"),
-            (Who::FclMoved, "fcl_moved"),
-        ] {
-            let path = folder.join(format!("{name}.{task}.answers"));
+        for (who, name) in ASKED {
+            let path = answers(folder, name, task);
             let Ok(bytes) = std::fs::read(&path) else {
                 continue;
             };
@@ -70,6 +76,28 @@ pub fn rows(
     Ok(rows)
 }
 
+/// The file of somebody's answers.
+fn answers(folder: &Path, name: &str, task: &str) -> PathBuf {
+    folder.join(format!("{name}.{task}.answers"))
+}
+
+/// Removes the answers of an earlier run in the same folder: whoever gives none now has none.
+fn remove_earlier(folder: &Path, tasks: impl Iterator<Item = &'static str>) -> Result<(), Failure> {
+    let paths = tasks.flat_map(|task| ASKED.map(|(_, name)| answers(folder, name, task)));
+    for path in paths {
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                return Err(Failure::Input(format!(
+                    "{}: answers of an earlier run cannot be removed ({error}); choose another folder with --export",
+                    path.display()
+                )));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
 fn read(bytes: &[u8]) -> Timed {
     let (pairs, _) = bytes.as_chunks::<16>();
     let mut timed = Timed::default();
@@ -84,6 +112,23 @@ fn read(bytes: &[u8]) -> Timed {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn answers_of_an_earlier_run_are_removed_and_nothing_else() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let old = answers(folder.path(), "fcl", PATH);
+        let question = folder.path().join("tips.bin");
+        for path in [&old, &question] {
+            std::fs::write(path, "of before").expect("it is written");
+        }
+        let tasks = || [PATH, MEMORY].into_iter();
+        assert_eq!(remove_earlier(folder.path(), tasks()), Ok(()));
+        assert!(!old.exists() && question.exists());
+        // What is no file is not removed.
+        std::fs::create_dir(&old).expect("a folder");
+        let refused = remove_earlier(folder.path(), tasks()).expect_err("it stays");
+        assert!(refused.to_string().contains("fcl.closest_path.answers"));
+    }
 
     #[test]
     fn answers_are_read_as_they_are_written() {

@@ -9,10 +9,10 @@
 
 use super::closest;
 use super::tools::{self, Touch};
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::models::Model;
 use crate::models::surface::Surface;
-use crate::report::output::{make_folder, write_whole};
+use crate::report::output::{make_folder_at, write_whole_at};
 use glam::DVec3;
 use hrtc_core::contact::tool::ToolMesh;
 use rand::Rng;
@@ -106,9 +106,12 @@ impl Questions {
     ///
     /// # Errors
     /// When a file cannot be written.
-    pub fn write(&self, mesh: &FullMesh, folder: &Path) -> Result<(), Failure> {
-        make_folder(folder)?;
-        let write = |name: &str, bytes: Vec<u8>| write_whole(&folder.join(name), &bytes);
+    pub fn write(&self, mesh: &FullMesh, chosen: Chosen, folder: &Path) -> Result<(), Failure> {
+        make_folder_at(chosen, folder)?;
+        let write = |name: &str, bytes: Vec<u8>| {
+            let path = folder.join(name);
+            write_whole_at(chosen, &path, &bytes)
+        };
         write("mesh.bin", mesh_bytes(&mesh.positions, &mesh.faces))?;
         write(
             "tips.bin",
@@ -166,7 +169,7 @@ mod tests {
         let asked = Questions::new(&model, &full, 500, random);
         let asked = asked.unwrap_or_else(|error| panic!("{error}"));
         let folder = tempfile::tempdir().expect("a folder");
-        let written = asked.write(&mesh, folder.path());
+        let written = asked.write(&mesh, Chosen::EXPORT, folder.path());
         assert_eq!(written, Ok(()));
         let length = |name: &str| {
             let file = std::fs::read(folder.path().join(name));

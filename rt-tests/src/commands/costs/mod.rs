@@ -6,7 +6,7 @@
 
 mod fit;
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::report::output::print_either;
 use crate::report::quantile::median;
 use crate::report::table::Table;
@@ -165,7 +165,8 @@ fn write(path: &Path) -> Result<(), Failure> {
     let bytes = inputs
         .to_bytes()
         .map_err(|error| Failure::Run(error.to_string()))?;
-    std::fs::write(path, &bytes).map_err(|error| Failure::write(path, &error))?;
+    let wrong = |error: std::io::Error| Failure::write_at(Chosen::By("--write"), path, &error);
+    std::fs::write(path, &bytes).map_err(wrong)?;
     println!(
         "{} ticks, {} bytes in {}",
         inputs.ticks.len(),

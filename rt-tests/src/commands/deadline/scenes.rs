@@ -1,8 +1,8 @@
 //! The scenes of `rt-tests deadline` and `policies`.
 
 use super::shapes::{cylinder, spur_gear, uv_sphere};
-use crate::failure::Failure;
-use crate::report::output::make_folder;
+use crate::failure::{Chosen, Failure};
+use crate::report::output::make_folder_at;
 use clap::Args;
 use scene_args::OverrideArgs;
 use spm_builder::{SoupMesh, write_mesh};
@@ -71,10 +71,11 @@ pub fn scenes(args: &SceneArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String
     let (mut scenes, mut left_out) = (Vec::new(), Vec::new());
     let wanted = |name: &str| args.only.as_ref().is_none_or(|only| name.contains(only));
     for of in ["scenes", "trajectories"] {
-        make_folder(&folder.join(of))?;
+        make_folder_at(Chosen::Temporary, &folder.join(of))?;
     }
     let write = |path: &Path, text: &str| {
-        std::fs::write(path, text).map_err(|error| Failure::write(path, &error))
+        let wrong = |error: std::io::Error| Failure::write_at(Chosen::Temporary, path, &error);
+        std::fs::write(path, text).map_err(wrong)
     };
     write(&folder.join("trajectories/over-a-row.csv"), OVER_A_ROW)?;
     let mut add = |name: &str, text: &str, model: Option<PathBuf>| {

@@ -1,7 +1,7 @@
 //! What all cases share: one folder with the model, the scenes and everything that the processes
 //! may write.
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::processes::device_page::{DevicePage, NAME};
 use crate::processes::pair::other_core;
 use crate::processes::surroundings::Surroundings;
@@ -74,21 +74,21 @@ impl<'a> Bench<'a> {
         bar.set_message("building the model");
         let at = |name: &str| folder.path().join(name);
         let write = |name: &str, text: &str| {
-            std::fs::write(at(name), text).map_err(|error| Failure::write(&at(name), &error))
+            std::fs::write(at(name), text).map_err(|error| unwritten(&at(name), &error))
         };
         for name in ["cache", "tmp", "state", "disk"] {
-            std::fs::create_dir(at(name)).map_err(|error| Failure::write(&at(name), &error))?;
+            std::fs::create_dir(at(name)).map_err(|error| unwritten(&at(name), &error))?;
         }
         let mesh = generate(Shape::Relief, FACES, 1);
         let top = top_m(&mesh, SIZE_M);
         let parts = build_model(mesh, &BuildOptions::default(), &NoProgress)
             .map_err(|error| Failure::Run(error.to_string()))?;
         let model = at("model.spm");
-        let wrong = |error: std::io::Error| Failure::write(&model, &error);
+        let wrong = |error: std::io::Error| unwritten(&model, &error);
         write_spm_file(&parts, &model).map_err(wrong)?;
         let model_bytes = std::fs::read(&model).map_err(wrong)?;
         let page = at("page");
-        DevicePage::create(&page).map_err(|error| Failure::write(&page, &error))?;
+        DevicePage::create(&page).map_err(|error| unwritten(&page, &error))?;
         write("slide.csv", &slide(top, slots))?;
         write("press.csv", &press(top))?;
         let simulated = "trajectory = { csv = \"slide.csv\" }";
@@ -207,6 +207,11 @@ impl<'a> Bench<'a> {
         file.write_all(bytes)?;
         file.set_len(bytes.len() as u64)
     }
+}
+
+/// Something of the bench's folder that cannot be written.
+fn unwritten(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::write_at(Chosen::Temporary, path, error)
 }
 
 /// Files of a folder and of all folders in it.

@@ -8,6 +8,7 @@ use crate::processes::mounts::SmallDisk;
 use crate::processes::rights::{SYS_ADMIN, SYS_TIME};
 use crate::processes::surroundings::Surroundings;
 use crate::processes::watched::{Watched, pause};
+use hrtc_core::Fault;
 use protocol::MAX_CLIENTS;
 use std::ffi::CString;
 use std::os::unix::ffi::OsStrExt;
@@ -19,6 +20,8 @@ const STEP_S: i64 = 3600;
 const IN_CONTACT_S: f64 = 0.3;
 /// Time in which the newest of too many controllers has its say, seconds.
 const SAY_S: f64 = 3.0;
+/// What a controller says once the disk takes no more of its recording.
+const NOT_RECORDED: &str = "ticks are not recorded for now";
 
 /// Whether a small disk can be mounted.
 pub fn can_mount(_: &FaultsArgs) -> Result<(), String> {
@@ -86,7 +89,7 @@ pub fn seventeen(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
     last.listen();
     let outcome = if last.is_touching() {
         "the last was served as well"
-    } else if last.has_said("many") || last.has_said("full") {
+    } else if last.has_said(&Fault::NoPlace.to_string()) {
         "the last was refused in words"
     } else {
         let words = last.said.join(" | ");
@@ -174,11 +177,12 @@ pub fn disk_full(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer 
     let mut touch = Touch::begin(bench, own_domain()?, start)?;
     pause(bench.seconds(), bench.stop);
     touch.controller.listen();
-    let told = touch.controller.said.iter().any(|line| {
-        let line = line.to_lowercase();
-        line.contains("no space") || line.contains("disk") || line.contains("record")
-    });
-    let seen = verdicts.judge(&touch.finish()?)?;
+    let told = touch.controller.has_said(NOT_RECORDED);
+    let touched = touch.finish()?;
+    let seen = verdicts.judge(&touched)?;
+    if touched.finished.result.safety.recording_errors == 0 {
+        return Err("the disk took the whole recording: it did not fill up".to_string());
+    }
     if !told {
         return Err("the recording is incomplete, but nobody said so".to_string());
     }

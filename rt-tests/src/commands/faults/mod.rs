@@ -171,7 +171,6 @@ fn run(
     let slots = usize::try_from(args.kills).map_or(MAX_SLOTS, |kills| kills.min(MAX_SLOTS));
     let bench = Bench::new(slots, args.hostile_faces, stop, bar)?;
     let mut verdicts = Verdicts::default();
-    verdicts.faults.fronts_equal = true;
     verdicts.undisturbed = undisturbed(&bench).map_err(Failure::Run)?;
     verdicts.faults.force_step_undisturbed_n = verdicts.undisturbed.step_n;
     for row in ROWS.iter().filter(|row| is_chosen(args, row.name)) {
@@ -266,42 +265,116 @@ fn words(found: &Faults) -> String {
         "killed      station {} times, controller {} times",
         found.kills.station, found.kills.controller
     );
-    let _ = writeln!(
-        text,
-        "force step  {:.2} N a period at most, undisturbed {:.2}; {:.2} N between two ticks, late ones too",
-        found.force_step_per_period_n_max, found.force_step_undisturbed_n, found.force_step_n_max
-    );
+    let steps = match found.fronts_compared {
+        0 => "none in a disturbed run".to_string(),
+        _ => format!(
+            "{:.2} N a period at most, undisturbed {:.2}; {:.2} N between two ticks, late ones too",
+            found.force_step_per_period_n_max,
+            found.force_step_undisturbed_n,
+            found.force_step_n_max
+        ),
+    };
+    let _ = writeln!(text, "force step  {steps}");
     let spread = |of: &Times| format!("p50 {:.1}, p99 {:.1}, max {:.1} ms", of.p50, of.p99, of.max);
-    let _ = writeln!(text, "resync      {}", spread(&found.resync_ms));
-    let _ = writeln!(
-        text,
-        "device      zero {} after its wrench ceased to be valid; {} after the fault",
-        spread(&found.device_late_ms),
-        spread(&found.device_zero_ms)
-    );
-    let equal = if found.fronts_equal {
-        "equal"
-    } else {
-        "NOT equal"
+    let resync = match found.resync_ms.count {
+        0 => "none".to_string(),
+        _ => spread(&found.resync_ms),
+    };
+    let _ = writeln!(text, "resync      {resync}");
+    let device = match found.device_late_ms.count {
+        0 => "none".to_string(),
+        _ => format!(
+            "zero {} after its wrench ceased to be valid; {} after the fault",
+            spread(&found.device_late_ms),
+            spread(&found.device_zero_ms)
+        ),
+    };
+    let _ = writeln!(text, "device      {device}");
+    let fronts = match (found.fronts_compared, found.fronts_equal) {
+        (0, _) => "nothing was compared with a fresh start's front",
+        (_, true) => "fronts equal to a fresh start's",
+        (_, false) => "fronts NOT equal to a fresh start's",
     };
     let _ = writeln!(
         text,
-        "at the end  fronts {equal} to a fresh start's; {} own misses; {} files left",
+        "at the end  {fronts}; {} own misses; {} files left",
         found.missed_own_cpu, found.leaked
     );
     text
 }
 
+/// Passes where some cases ran and none failed; what was not compared fails nothing.
 fn judge(found: &Faults) -> Result<(), Failure> {
+    let named = |case: &Case| format!("{} ({})", case.name, case.what);
+    let skipped = found.cases.iter().filter(|case| case.skipped);
+    let skipped: Vec<String> = skipped.map(named).collect();
+    if skipped.len() == found.cases.len() {
+        let skipped = skipped.join(", ");
+        return Err(Failure::Run(format!(
+            "no case could be run here: {skipped}"
+        )));
+    }
     let failed = found
         .cases
         .iter()
         .filter(|case| !case.pass && !case.skipped);
-    let failed: Vec<String> = failed
-        .map(|case| format!("{} ({})", case.name, case.what))
-        .collect();
+    let failed: Vec<String> = failed.map(named).collect();
     if failed.is_empty() {
         return Ok(());
     }
     Err(Failure::Run(format!("failed: {}", failed.join(", "))))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(cases: &[(bool, bool)]) -> Faults {
+        let case = |&(pass, skipped): &(bool, bool)| Case {
+            name: "no-rights",
+            pass,
+            skipped,
+            missed_own_cpu: 0,
+            missed_own_cpu_undisturbed: 0,
+            runs: 0,
+            what: "seen".to_string(),
+        };
+        Faults {
+            cases: cases.iter().map(case).collect(),
+            ..Faults::default()
+        }
+    }
+
+    #[test]
+    fn what_was_not_run_is_no_success_and_what_was_not_compared_is_no_failure() {
+        let (pass, fail, skipped) = ((true, false), (false, false), (false, true));
+        assert_eq!(judge(&found(&[pass, skipped])), Ok(()));
+        for (cases, words) in [
+            ([skipped, skipped], "no case could be run here"),
+            ([fail, skipped], "failed: no-rights (seen)"),
+        ] {
+            let error = judge(&found(&cases)).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn words_claim_nothing_of_what_was_not_measured() {
+        let mut of = found(&[(true, false)]);
+        let text = words(&of);
+        for line in [
+            "resync      none",
+            "device      none",
+            "nothing was compared",
+        ] {
+            assert!(text.contains(line), "{text}");
+        }
+        (of.fronts_compared, of.fronts_equal) = (1, true);
+        of.resync_ms = Times::of(&[800.0]);
+        let text = words(&of);
+        assert!(text.contains("fronts equal"), "{text}");
+        assert!(text.contains("max 800.0 ms"), "{text}");
+        of.fronts_equal = false;
+        assert!(words(&of).contains("fronts NOT equal"));
+    }
 }

@@ -13,9 +13,11 @@ pub struct Kills {
     pub controller: u64,
 }
 
-/// Times, milliseconds.
+/// Times, milliseconds; all 0 of none.
 #[derive(Debug, Default, PartialEq, Serialize)]
 pub struct Times {
+    /// How many there are.
+    pub count: u64,
     /// Median.
     pub p50: f64,
     /// 99 % are not above it.
@@ -32,6 +34,7 @@ impl Times {
         ascending.sort_unstable_by(f64::total_cmp);
         let at = |share: f64| quantile(&ascending, share);
         Self {
+            count: times.len() as u64,
             p50: at(0.5),
             p99: at(0.99),
             max: at(1.0),
@@ -61,7 +64,8 @@ pub struct Case {
     pub skipped: bool,
     /// Periods missed by own work in its runs.
     pub missed_own_cpu: u64,
-    /// The same in an undisturbed run of the same length and seed: the worst of three.
+    /// The same in an undisturbed run of the same length and seed: the worst of three, or, over a
+    /// link, that of one.
     pub missed_own_cpu_undisturbed: u64,
     /// Disturbed runs that came to a result.
     pub runs: u64,
@@ -84,7 +88,9 @@ pub struct Faults {
     pub force_step_undisturbed_n: f64,
     /// From a station's readiness to its synchronisation.
     pub resync_ms: Times,
-    /// Whether every disturbed run ended with the front of an undisturbed one.
+    /// Disturbed runs whose front at the end was compared with that of an undisturbed one.
+    pub fronts_compared: u64,
+    /// Whether some were, and all of them were equal.
     pub fronts_equal: bool,
     /// Files left by processes that had ended.
     pub leaked: u64,
@@ -112,8 +118,12 @@ pub struct Verdicts {
     /// The same over a link, once it is known.
     pub undisturbed_over_link: Option<Undisturbed>,
     resync_ms: Vec<f64>,
+    /// Fronts that were not as they were compared with.
+    fronts_apart: u64,
     /// Own misses of the cases so far.
     missed_before: u64,
+    /// Own misses of the undisturbed run by which the present case was judged, once it was.
+    missed_undisturbed: Option<u64>,
     /// Runs that were judged since the last case.
     runs: u64,
     /// Of the device's cases, milliseconds.
@@ -137,6 +147,7 @@ impl Verdicts {
     /// What is wrong with it, in words.
     pub fn judge_by(&mut self, undisturbed: &Undisturbed, touched: &Touched) -> Answer {
         self.runs += 1;
+        self.missed_undisturbed = Some(undisturbed.missed_own_cpu);
         let result = &touched.finished.result;
         let faults = &mut self.faults;
         faults.missed_own_cpu += result.missed_own_cpu;
@@ -150,7 +161,8 @@ impl Verdicts {
             *most = most.max(step);
         }
         faults.leaked += touched.left.len() as u64;
-        faults.fronts_equal &= undisturbed.front == Some(result.front_hash);
+        faults.fronts_compared += 1;
+        self.fronts_apart += u64::from(undisturbed.front != Some(result.front_hash));
         let times = touched.resyncs.iter().map(|of| of.synchronised_ms);
         self.resync_ms.extend(times.filter(|&ms| ms >= 0.0));
         let wrong = undisturbed.complaints(touched);
@@ -183,12 +195,13 @@ impl Verdicts {
 
     fn push(&mut self, name: &'static str, pass: bool, skipped: bool, what: String) {
         let missed = self.faults.missed_own_cpu;
+        let undisturbed = self.missed_undisturbed.take();
         self.faults.cases.push(Case {
             name,
             pass,
             skipped,
             missed_own_cpu: missed - self.missed_before,
-            missed_own_cpu_undisturbed: self.undisturbed.missed_own_cpu,
+            missed_own_cpu_undisturbed: undisturbed.unwrap_or(self.undisturbed.missed_own_cpu),
             runs: std::mem::take(&mut self.runs),
             what,
         });
@@ -201,6 +214,76 @@ impl Verdicts {
         self.faults.resync_ms = Times::of(&self.resync_ms);
         self.faults.device_late_ms = Times::of(&self.late_ms);
         self.faults.device_zero_ms = Times::of(&self.zero_ms);
+        self.faults.fronts_equal = self.faults.fronts_compared > 0 && self.fronts_apart == 0;
         self.faults
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrtc::result::{Finished, RunResult};
+
+    fn touched(front_hash: u64) -> Touched {
+        let result = RunResult {
+            contact_ticks: 1,
+            front_hash,
+            ..RunResult::default()
+        };
+        Touched {
+            finished: Box::new(Finished {
+                result,
+                ..Finished::default()
+            }),
+            resyncs: Vec::new(),
+            left: Vec::new(),
+        }
+    }
+
+    fn undisturbed(missed_own_cpu: u64) -> Undisturbed {
+        Undisturbed {
+            front: Some(5),
+            missed_own_cpu,
+            ..Undisturbed::default()
+        }
+    }
+
+    #[test]
+    fn fronts_are_equal_where_some_were_compared_and_none_differed() {
+        let found = |fronts: &[u64]| {
+            let mut verdicts = Verdicts::default();
+            for &front in fronts {
+                let judged = verdicts.judge_by(&undisturbed(0), &touched(front));
+                assert_eq!(judged.is_ok(), front == 5);
+            }
+            let found = verdicts.finish();
+            (found.fronts_compared, found.fronts_equal)
+        };
+        assert_eq!(found(&[]), (0, false));
+        assert_eq!(found(&[5, 5]), (2, true));
+        assert_eq!(found(&[5, 6, 5]), (3, false));
+    }
+
+    #[test]
+    fn own_misses_stand_beside_those_of_the_run_that_a_case_was_judged_by() {
+        let mut verdicts = Verdicts {
+            undisturbed: undisturbed(4),
+            ..Verdicts::default()
+        };
+        let over_link = verdicts.judge_by(&undisturbed(9), &touched(5));
+        verdicts.add("link-cut", over_link);
+        let here = verdicts.judge(&touched(5));
+        verdicts.add("station-killed", here);
+        verdicts.skip("disk-full", "there is no right");
+        let found = verdicts.finish();
+        let cases = found.cases.iter();
+        let missed: Vec<u64> = cases.map(|of| of.missed_own_cpu_undisturbed).collect();
+        assert_eq!(missed, [9, 4, 4]);
+    }
+
+    #[test]
+    fn times_of_none_are_told_from_times_of_nothing() {
+        assert_eq!((Times::of(&[]).count, Times::of(&[]).max), (0, 0.0));
+        assert_eq!((Times::of(&[0.0]).count, Times::of(&[0.0]).max), (1, 0.0));
     }
 }

@@ -8,7 +8,7 @@
 
 use super::alone::Alone;
 use crate::commands::faults::{Case, Faults};
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::links::programs::Programs;
 use crate::processes::own_domain::OwnDomain;
 use crate::processes::stop::is_set;
@@ -193,7 +193,7 @@ impl Trial<'_> {
         pause(EXPIRES_S, self.stop);
         let wrong = |path: &Path| {
             let path = path.to_path_buf();
-            move |error: std::io::Error| Failure::write(&path, &error)
+            move |error: std::io::Error| Failure::write_at(Chosen::Temporary, &path, &error)
         };
         let files = |side: &Path| {
             KeyFiles::in_folder(side).map_err(|error| Failure::Input(error.to_string()))

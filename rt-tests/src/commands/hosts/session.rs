@@ -6,13 +6,13 @@ use super::refused::{Refused, Trial};
 use super::result::{Conditions, Found};
 use super::touch::Bench;
 use crate::commands::faults::{self, Faults};
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::links::hosts::{Links, STATION};
 use crate::links::points::{Guest, Point};
 use crate::links::programs::Programs;
 use crate::links::way::Shape;
 use crate::processes::stop::{is_set, stop_flag};
-use crate::report::output::{make_folder, status_line};
+use crate::report::output::{make_folder, make_folder_at, status_line};
 use crate::scenes::{SceneFile, prepare_models};
 use indicatif::ProgressBar;
 use scene::{Overrides, ScenePlan, load};
@@ -222,7 +222,7 @@ impl<'a> Session<'a> {
         let file = SceneFile::named_or_bundled(None)?;
         prepare_models(&load(file.path(), &Overrides::default(), &DiskFiles)?)?;
         let folder = self.folder.path().join("refused");
-        make_folder(&folder)?;
+        make_folder_at(Chosen::Temporary, &folder)?;
         Trial {
             programs: &self.programs,
             scene: file.path(),

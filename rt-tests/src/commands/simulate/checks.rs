@@ -159,7 +159,7 @@ impl Watch {
             .collect();
         let force_max = self.safety.force_max_n.min(self.device_max_n);
         let slew = self.safety.slew_n_per_s * self.period_s;
-        let torque_slew = slew * self.safety.torque_max_nm / self.safety.force_max_n;
+        let torque_slew = slew * self.safety.torque_max_nm / force_max;
         for (k, (now, last)) in wrenches.iter().zip(&mut self.last).enumerate() {
             let (force, torque) = (now.force.length(), now.torque.length());
             ensure(now.is_finite(), "force finite", || {

@@ -5,10 +5,10 @@
 //! Every contender is given its poses, each once; the ticks in which that mesh was touched count.
 
 use crate::clocks::{Clocks, Reading};
-use crate::failure::Failure;
-use crate::models::source::typed_or;
+use crate::failure::{Chosen, Failure};
+use crate::models::source::{typed_or, unused};
 use crate::peers::ball::{BallScene, PeerProgram, Step};
-use crate::report::output::write_whole;
+use crate::report::output::write_whole_at;
 use crate::report::quantile::Quantiles;
 use crate::report::units::{grouped, percent};
 use crate::trajectory::reference::{Reference, come_to_rest};
@@ -19,6 +19,7 @@ use hrtc_core::{ModelFrame, NoObserver, Stage, StageObserver};
 use scene::{AccuracyPlan, PolicyPlan, RefinementPlan, ScenePlan};
 use serde::Serialize;
 use simulator::{InputRecording, Playback};
+use std::collections::BTreeSet;
 use std::path::Path as Folder;
 
 /// What is measured when no model is named.
@@ -51,7 +52,7 @@ pub struct StepTimes {
 }
 
 /// Times a step on each model that was typed; with a folder the path is written there, too, as a
-/// peer is asked, to `MODEL.ball`.
+/// peer is asked, to `MODEL.ball`, with a number behind a name that came before.
 ///
 /// # Errors
 /// One sentence for a bad model, a peer that breaks off, or a file that cannot be written.
@@ -62,6 +63,7 @@ pub fn step_times(
     export: Option<&Folder>,
 ) -> Result<Vec<StepTimes>, Failure> {
     let mut found = Vec::new();
+    let mut names = BTreeSet::new();
     for typed in typed_or(models, &[DEFAULT_MODEL]) {
         eprintln!("{typed}: a path, and a step of each");
         let model = SceneModel::open(&typed)?;
@@ -80,7 +82,9 @@ pub fn step_times(
         let (scene, steps) = (scene(&model), path.steps(&model));
         if let Some(folder) = export {
             let questions = [scene.message(0), Step::message(&steps)].concat();
-            write_whole(&folder.join(format!("{}.ball", path.model)), &questions)?;
+            let name = unused(&path.model, &mut names);
+            let file = folder.join(format!("{name}.ball"));
+            write_whole_at(Chosen::EXPORT, &file, &questions)?;
         }
         for (variant, who) in program.variants.iter().enumerate() {
             let answers = program.start(variant, &scene)?.step(&steps)?;

@@ -1,7 +1,7 @@
 //! A comb: slots of one width with walls between, as deep as three widths. A rod that is hardly
 //! thinner than a slot touches both walls and the floor.
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use spm::write_spm;
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model};
 use std::path::Path;
@@ -67,5 +67,6 @@ pub fn write(path: &Path) -> Result<(), Failure> {
         build_model(mesh(), &BuildOptions::default(), &NoProgress).map_err(|e| failed(&e))?;
     let mut bytes = Vec::new();
     write_spm(&parts, &mut bytes).map_err(|e| failed(&e))?;
-    std::fs::write(path, bytes).map_err(|error| Failure::write(path, &error))
+    let wrong = |error: std::io::Error| Failure::write_at(Chosen::Temporary, path, &error);
+    std::fs::write(path, bytes).map_err(wrong)
 }

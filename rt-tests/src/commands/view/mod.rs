@@ -61,18 +61,20 @@ pub fn view(args: &ViewArgs) -> Result<(), Failure> {
     let shots = Shots::new(&playback);
     line.set_message("replaying up to the moment");
     let failed = |error: PictureError| Failure::Run(error.to_string());
-    let bytes = if args.film {
-        let pictures = shots.film(tick, |count| line.set_message(format!("picture {count}")))?;
+    let (shown, bytes) = if args.film {
+        let film = shots.film(tick, |count| line.set_message(format!("picture {count}")));
+        let (shown, pictures) = film?;
         line.set_message("encoding");
-        animation(&pictures, FRAME_MS).map_err(failed)?
+        (shown, animation(&pictures, FRAME_MS).map_err(failed)?)
     } else {
-        shots.still(tick)?.to_png().map_err(failed)?
+        let (shown, picture) = shots.still(tick)?;
+        (shown, picture.to_png().map_err(failed)?)
     };
     line.finish_and_clear();
     write_whole(&out, &bytes)?;
-    let seconds = playback.seconds(tick);
+    let seconds = playback.seconds(shown);
     print(&format!(
-        "the touch at {seconds:.2} s in {}\n",
+        "the touch at {seconds:.3} s (tick {shown}) in {}\n",
         out.display()
     ))
 }

@@ -14,7 +14,7 @@ mod long_run;
 mod stamps;
 mod words;
 
-use crate::failure::Failure;
+use crate::failure::{Chosen, Failure};
 use crate::processes::pair::{PairArgs, Shown, run_pair};
 use crate::processes::roles::LoopArgs;
 use crate::processes::stamped_device::{NAME, read_stamps};
@@ -233,7 +233,8 @@ pub(super) fn measure(
         whole.display().to_string(),
         stamps.display().to_string()
     );
-    std::fs::write(&device, table).map_err(|error| Failure::write(&device, &error))?;
+    let wrong = |error: std::io::Error| Failure::write_at(Chosen::Temporary, &device, &error);
+    std::fs::write(&device, table).map_err(wrong)?;
     let pair = PairArgs {
         scene,
         plan,

@@ -221,13 +221,23 @@ fn over_all(points: &[Vec<Point>]) -> String {
     )
 }
 
+/// What a setting is called where it is the same on every model, else this.
+fn called_alike<'a>(mut points: impl Iterator<Item = &'a Point>, otherwise: &str) -> String {
+    let label = points.next().map_or("", |point| point.label.as_str());
+    if points.all(|point| point.label == label) {
+        escaped(label)
+    } else {
+        otherwise.to_string()
+    }
+}
+
 /// The first setting against the last.
 fn first_and_last(points: &[Vec<Point>]) -> String {
     let ends: Vec<(&Point, &Point)> = points
         .iter()
         .filter_map(|points| points.first().zip(points.last()))
         .collect();
-    let Some((first, last)) = ends.first() else {
+    let Some((first, _)) = ends.first() else {
         return String::new();
     };
     let both = |of: fn(&Point) -> f64, word: fn(f64) -> String| {
@@ -241,8 +251,11 @@ fn first_and_last(points: &[Vec<Point>]) -> String {
     };
     format!(
         "With {} against {}, the median {} takes {}, one in a hundred {}; the contact is off by at most {}, the force by {}; {}memory is {}.",
-        escaped(&first.label),
-        escaped(&last.label),
+        called_alike(
+            ends.iter().map(|end| end.0),
+            "the first setting of each model"
+        ),
+        called_alike(ends.iter().map(|end| end.1), "the last one"),
         timed(first.knob),
         both(|p| p.tick_us.p50, us),
         both(|p| p.tick_us.p99, us),
@@ -311,7 +324,7 @@ fn called(point: &Point) -> String {
 }
 
 fn pareto(html: &mut String, groups: &[Group<'_>]) {
-    html.push_str("<h2>The best of all knobs</h2>\n<p>Every setting of the same touch as a grey dot, and the Pareto front: of its settings no other is both cheaper and nearer to the full mesh. Effects and tools are other touches, and a query alone is no tick: they are not in it.</p>\n");
+    html.push_str("<h2>The best of all knobs</h2>\n<p>Every setting of the same touch as a grey dot, and the Pareto front: of its settings no other is both cheaper and nearer to the full mesh. Effects, tools and rates are other touches, and a query alone is no tick: they are not in it.</p>\n");
     html.push_str(&key(
         "",
         &[
@@ -438,5 +451,28 @@ mod tests {
         let times: Vec<f64> = front.iter().map(|p| p.tick_us.p50).collect();
         assert_eq!(times, [1.0, 2.0, 4.0]);
         assert!(on_front(&all).contains("3 are on the front of time"));
+    }
+
+    #[test]
+    fn settings_are_named_where_they_are_those_of_every_model() {
+        let point = |label: &str| {
+            let mut point = Point::new("m", Knob::BaseMesh, 0.0);
+            point.label = label.to_string();
+            point
+        };
+        let one = vec![point("100 faces"), point("400 faces")];
+        let other = vec![point("100 faces"), point("6400 faces")];
+        let alike = first_and_last(&[one.clone(), one.clone()]);
+        assert!(alike.starts_with("With 100 faces against 400 faces,"));
+        let apart = first_and_last(&[one, other]);
+        assert!(apart.starts_with("With 100 faces against the last one,"));
+        assert!(!apart.contains("400 faces"), "{apart}");
+    }
+
+    #[test]
+    fn a_rate_is_another_touch() {
+        let is_same = |knob: &Knob| knob.is_same_touch();
+        let same: Vec<Knob> = Knob::OTHERS.into_iter().filter(is_same).collect();
+        assert!(same.contains(&Knob::Cache) && !same.contains(&Knob::Rate));
     }
 }

@@ -31,6 +31,7 @@ fn found(models: usize) -> Accuracy {
                 let error = if value == 0.2 { 4e-3 } else { 0.4 * value };
                 let mut point = Point::new(&name, knob, value);
                 point.full_mesh = value == 0.0;
+                point.model_place = model;
                 point.tick_us = Quantiles {
                     p50: time,
                     p99: 3.0 * time,
@@ -77,4 +78,30 @@ fn any_number_of_models_gives_a_page_that_is_whole_and_stands_alone() {
         let others = page.replace("http://www.w3.org/2000/svg", "");
         assert!(!others.contains("http"), "nothing from elsewhere");
     }
+}
+
+#[test]
+fn what_was_never_reached_is_not_said_to_cost_nothing() {
+    let machine = Machine::read();
+    let mut found = found(2);
+    let text = page(&found, &machine);
+    assert!(text.contains("full resolution was never reached"));
+    found.bytes[1].local_full_bytes = 1 << 20;
+    let text = page(&found, &machine);
+    assert!(text.contains("has needed 1.0 MiB where it was reached"));
+    found.bytes[0].local_full_bytes = 2 << 20;
+    let text = page(&found, &machine);
+    assert!(text.contains("has needed 1.0 MiB to 2.0 MiB;"));
+}
+
+#[test]
+fn models_of_one_name_stay_apart() {
+    let mut found = found(2);
+    for point in &mut found.points {
+        point.model = "cow".to_string();
+    }
+    let groups = Group::all(&found);
+    let counts: Vec<usize> = groups.iter().map(|group| group.points.len()).collect();
+    assert_eq!(counts, [27, 27]);
+    assert_eq!(groups[1].bytes, Some(&found.bytes[1]));
 }
