@@ -98,13 +98,12 @@ impl DeviceRegistry {
             probe: index,
             period_s,
         };
-        let device = constructor(&request)
-            .map_err(|error| refuse(format!("the device \"{name}\" cannot be used: {error}")))?;
+        let cannot = |why: String| refuse(format!("the device \"{name}\" cannot be used: {why}"));
+        // Guarded from here on: one that is refused is switched off too.
+        let device = GuardedDevice::new(constructor(&request).map_err(cannot)?);
         match device.capabilities().fault() {
-            Some(fault) => Err(refuse(format!(
-                "the device \"{name}\" cannot be used: {fault}"
-            ))),
-            None => Ok(GuardedDevice::new(device)),
+            Some(fault) => Err(cannot(fault)),
+            None => Ok(device),
         }
     }
 }
@@ -112,5 +111,46 @@ impl DeviceRegistry {
 impl std::fmt::Debug for DeviceRegistry {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_set().entries(self.names()).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use haptic_device::{Capabilities, Sample, TickTime, WrenchCommand};
+    use scene::{NoFiles, Overrides, parse};
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    /// A device with a force below 0, and how often it was switched off.
+    struct Unfit(Arc<AtomicU32>);
+
+    impl Device for Unfit {
+        fn capabilities(&self) -> Capabilities {
+            Capabilities::translational("unfit", -1.0)
+        }
+        fn read(&mut self, _: TickTime) -> Option<Sample> {
+            None
+        }
+        fn write(&mut self, _: WrenchCommand) {}
+        fn safe_off(&mut self) {
+            self.0.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    #[test]
+    fn a_device_that_is_refused_after_it_was_made_is_switched_off() {
+        let text = "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[[probe]]\n\
+                    device = { custom = { name = \"unfit\" } }\n";
+        let overrides = Overrides::default();
+        let plan = parse(text, "unfit", Path::new(""), &overrides, &NoFiles).unwrap();
+        let offs = Arc::new(AtomicU32::new(0));
+        let made = Arc::clone(&offs);
+        let registry =
+            DeviceRegistry::new().with("unfit", move |_| Ok(Box::new(Unfit(Arc::clone(&made)))));
+        let refused = registry.make(Path::new("unfit.toml"), 0, &plan.probes[0], 1e-3);
+        let sentence = refused.unwrap_err().to_string();
+        assert!(sentence.contains("max_force_n is -1"), "{sentence}");
+        assert_eq!(offs.load(Ordering::Relaxed), 1);
     }
 }

@@ -5,7 +5,7 @@ use haptic_device::{Capabilities, DegreesOfFreedom, MotionLimits};
 use hrtc_core::Controller;
 use hrtc_core::governor::WorkCosts;
 use hrtc_core::streaming::subscriber::Identity;
-use scene::ScenePlan;
+use scene::{DeviceRotationPlan, ScenePlan};
 use serde::{Deserialize, Serialize};
 
 /// Identity of a controller and the limits of its devices.
@@ -126,7 +126,15 @@ impl ControllerSetup {
         }
         let resolutions = &self.orientation_resolutions_rad;
         for (probe, &resolution_rad) in plan.probes.iter_mut().zip(resolutions) {
-            if let Some(rotation) = &mut probe.device.rotation {
+            let device = &mut probe.device;
+            if resolution_rad > 0.0 && device.rotation.is_none() {
+                // A custom device measures the turn of a ball too, though that renders no torque.
+                device.rotation = Some(DeviceRotationPlan {
+                    is_rendered: false,
+                    ..DeviceRotationPlan::of_handle(device)
+                });
+            }
+            if let Some(rotation) = &mut device.rotation {
                 rotation.encoder_rad = resolution_rad;
             }
         }
@@ -154,5 +162,42 @@ impl ControllerSetup {
             controller.set_rendered(probe, rendered);
         }
         controller
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::{NoFiles, Overrides, parse};
+    use std::path::Path;
+
+    #[test]
+    fn the_angular_step_of_a_custom_device_counts_for_a_ball_and_for_a_tool() {
+        let (ball, tool) = (
+            "",
+            "shape = { capsule = { radius_m = 0.005, length_m = 0.1 } }",
+        );
+        for shape in [ball, tool] {
+            let text = format!(
+                "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[[probe]]\n\
+                 device = {{ custom = {{ name = \"arm\" }} }}\n{shape}\n"
+            );
+            let overrides = Overrides::default();
+            let mut plan = parse(&text, "arm", Path::new(""), &overrides, &NoFiles).unwrap();
+            let arm = Capabilities {
+                sensed: DegreesOfFreedom::Six,
+                orientation_resolution_rad: 0.033,
+                ..Capabilities::translational("arm", 5.0)
+            };
+            let identity = Identity {
+                client: 1,
+                incarnation: 1,
+            };
+            let setup = ControllerSetup::new(identity, [&arm].into_iter(), 1.0);
+            drop(setup.controller(&mut plan));
+            let rotation = plan.probes[0].device.rotation;
+            let step = rotation.map(|rotation| rotation.encoder_rad);
+            assert_eq!(step, Some(0.033), "{shape}");
+        }
     }
 }

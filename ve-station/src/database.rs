@@ -41,6 +41,16 @@ pub enum DatabaseError {
         /// Why.
         error: FileError,
     },
+    /// Two models of one name, by which controllers tell models apart.
+    #[error("the models {} and {} differ and are both named \"{name}\", so that controllers would take them for one: rename one of the files, in the scene too", first.display(), second.display())]
+    SameName {
+        /// The name.
+        name: String,
+        /// The file of the first.
+        first: PathBuf,
+        /// The file of the other.
+        second: PathBuf,
+    },
     /// It cannot be built.
     #[error("{0}")]
     Build(#[from] BuildError),
@@ -78,6 +88,7 @@ impl Database {
         let mut models: Vec<ServedModel<FileBytes>> = Vec::new();
         let mut objects = Vec::new();
         let mut opened: BTreeMap<&ModelSource, usize> = BTreeMap::new();
+        let mut named: BTreeMap<String, (usize, &ModelSource)> = BTreeMap::new();
         for object in &plan.objects {
             let name = object.model.name();
             let model = match opened.get(&object.model) {
@@ -97,6 +108,11 @@ impl Database {
                             file,
                         });
                     }
+                    let of_name = named.entry(name.clone());
+                    let (first, source) = *of_name.or_insert((model, &object.model));
+                    if first != model {
+                        return Err(same_name(name, [source, &object.model], &plan.folder));
+                    }
                     opened.insert(&object.model, model);
                     model
                 }
@@ -107,6 +123,19 @@ impl Database {
             });
         }
         Ok(Self { models, objects })
+    }
+}
+
+/// Refuses two different models of one name.
+fn same_name(name: String, models: [&ModelSource; 2], folder: &Path) -> DatabaseError {
+    let [first, second] = models.map(|source| match source {
+        ModelSource::File(path) => folder.join(path),
+        ModelSource::Generate { .. } => name.clone().into(),
+    });
+    DatabaseError::SameName {
+        name,
+        first,
+        second,
     }
 }
 

@@ -13,6 +13,10 @@ mod built {
     /// Length of a day, seconds.
     const DAY_S: u64 = 24 * 3600;
 
+    /// Where keys are looked for on a machine whose settings have no folder of their own, as its
+    /// shell has it.
+    const USUAL_FOLDER: &str = "~/.config/hrtc/keys";
+
     /// Listens for controllers as long as what it returns lives.
     pub fn listen(
         domain: &str,
@@ -34,19 +38,31 @@ mod built {
     pub fn make_keys(folder: &Path, hosts: &[String], days: u32) -> Result<String, Box<dyn Error>> {
         let lasting = Duration::from_secs(u64::from(days) * DAY_S);
         let made = tunnel::make_keys(folder, hosts, lasting)?;
-        let [station, controller] = [&made.station, &made.controller].map(|of| of.display());
-        let target = "~/.config/hrtc/keys";
+        let [station, controller] = [&made.station, &made.controller].map(|of| quoted(of));
+        // Where a station of this user looks for them.
+        let target = tunnel::keys_folder();
+        let target = target.map_or_else(|| USUAL_FOLDER.to_owned(), |folder| quoted(&folder));
         let names = made.names.join(", ");
         let expires = &made.expires;
         Ok(format!(
             "keys in {}, valid until {expires}; controllers call the station by {names}\n\
              on the station:     mkdir -p {target} && cp {station}/* {target}/\n\
-             on the controller:  mkdir -p {target}\n\
+             on the controller:  mkdir -p {USUAL_FOLDER}\n\
              from here to it:    scp {controller}/* USER@CONTROLLER:.config/hrtc/keys/\n\
              then remove {}: whoever has a copy is let in",
             folder.display(),
             folder.display()
         ))
+    }
+
+    /// A path as a word of a shell's command.
+    fn quoted(path: &Path) -> String {
+        let text = path.display().to_string();
+        let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-".contains(c);
+        if text.chars().all(is_plain) {
+            return text;
+        }
+        format!("'{}'", text.replace('\'', r"'\''"))
     }
 }
 

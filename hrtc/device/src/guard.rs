@@ -1,11 +1,13 @@
-//! A device whose capabilities are honoured and that is switched off when it is dropped.
+//! A device that is given and gives only the directions that it has, and that is switched off when
+//! it is dropped.
 
 use crate::device::{Capabilities, DegreesOfFreedom, Device, SafeStop};
 use crate::sample::{Intent, Sample, TickTime, WrenchCommand};
 use glam::{DQuat, DVec3};
 
-/// Owner of a device: checks what goes in and out against its [`Capabilities`], ends a command at
-/// the end of its validity, and calls [`Device::safe_off`] when it is dropped.
+/// Owner of a device: leaves out the directions that its [`Capabilities`] say it does not sense or
+/// render, ends a command at the first read after its validity, and calls [`Device::safe_off`] when
+/// it is dropped. It checks no limits of force and motion: the controller keeps to them.
 pub struct GuardedDevice {
     device: Box<dyn Device>,
     capabilities: Capabilities,

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | [`device`] | [`Device`]: the trait that a driver implements; [`Capabilities`], [`MotionLimits`], [`SafeStop`] |
 //! | [`sample`] | values that cross it: [`Sample`], [`WrenchCommand`], [`TickTime`], [`Intent`] |
-//! | [`guard`] | [`GuardedDevice`]: honours the capabilities, switches the device off when dropped |
+//! | [`guard`] | [`GuardedDevice`]: leaves out directions that the device does not have, ends expired commands, switches it off when dropped |
 //!
 //! # The contract
 //! **Threads.** A driver is made on the main thread and moved to the tick thread (`Send`). From

@@ -366,6 +366,41 @@ mod tests {
     }
 
     #[test]
+    fn a_busy_tick_stays_ours_when_the_sleep_after_it_is_late_too() {
+        const US: u64 = 1000;
+        let due = 1_000_000 * US;
+        let work = Moment {
+            ns: due + 5 * US,
+            ..Moment::default()
+        };
+        let mut pacer = Pacer {
+            period: 1000 * US,
+            spin: 0,
+            next: due,
+            tick: 7,
+            last_start: work.ns,
+            work: Some(work),
+            late: 5 * US,
+            delay_before: 0,
+            run_delay: None,
+        };
+        // It computes for two periods and a half.
+        let end = Moment {
+            ns: work.ns + 2500 * US,
+            cpu_ns: 2500 * US,
+            ..work
+        };
+        let in_work = pacer.end_work(&end, 0);
+        let in_sleep = pacer.end_sleep(3200 * US, 1);
+        let miss = |class, periods| Miss { class, periods };
+        assert_eq!(in_work, miss(MissClass::OwnCpu, 2));
+        assert_eq!(in_sleep, miss(MissClass::LateTimer, 3));
+        // Each lost period is skipped once.
+        assert_eq!(pacer.tick, 7 + 1 + 2 + 3);
+        assert_eq!(pacer.next, due + 6 * pacer.period);
+    }
+
+    #[test]
     fn skipped_periods_are_counted_and_never_caught_up() {
         let mut pacer = Pacer::new(1000.0, 0);
         let start = pacer.next;

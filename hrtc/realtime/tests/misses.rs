@@ -90,16 +90,6 @@ fn a_lock_that_another_thread_of_ours_holds_is_our_wait() {
     });
 }
 
-#[test]
-fn a_busy_tick_stays_ours_when_the_sleep_after_it_is_late_too() {
-    let _alone = alone();
-    for wake in after_causes(|| spin_cpu(2 * MS)) {
-        let [work, sleep] = wake.misses;
-        assert_eq!(work.class, MissClass::OwnCpu);
-        assert_eq!(wake.skipped, work.periods + sleep.periods);
-    }
-}
-
 /// Time for which the hog computes: more than a stall of the host, which would be a late timer.
 const HOGGED: u64 = 20 * MS;
 /// Periods that a hog takes at the least.

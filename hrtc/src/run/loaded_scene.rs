@@ -4,9 +4,9 @@ use super::{RunArgs, RunError, new_identity};
 use crate::fetch::{FetchOptions, fetch};
 use crate::message::note;
 use crate::tuning::FETCH_STATION;
-use scene::{Overrides, ScenePlan};
+use scene::{Files, Overrides, SceneError, ScenePlan};
 use scene_files::{DiskFiles, FileCache, KeptFiles, NotingFiles, cache_folder};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use transport::Domain;
 
@@ -61,12 +61,12 @@ impl LoadedScene {
         let mut files = manifest.kept(&overrides, fetched.contents);
         for device in &overrides.devices {
             // One that cannot be read is named when the scene is loaded.
-            if let Ok(content) = scene::Files::read(&DiskFiles, device) {
+            if let Ok(content) = DiskFiles.read(device) {
                 files.contents.insert(device.clone(), content);
             }
         }
         let path = manifest.path();
-        let mut plan = scene::load(&path, &overrides, &files)?;
+        let mut plan = load_sent(&path, &overrides, &files)?;
         // What a station says about this machine's disk does not count.
         plan.record.path = None;
         Ok(Self {
@@ -75,5 +75,66 @@ impl LoadedScene {
             plan,
             files,
         })
+    }
+}
+
+/// Reads a scene that a station sent. What is refused in it, now or when its devices are made, is
+/// not named as a file that could be opened.
+fn load_sent(
+    path: &Path,
+    overrides: &Overrides,
+    files: &KeptFiles,
+) -> Result<ScenePlan, SceneError> {
+    let path_shown = path.display().to_string();
+    let shown = format!(
+        "the station's scene {path_shown} as it was sent (its lines are not those of the station's file)"
+    );
+    let mut plan = scene::load(path, overrides, files).map_err(|error| {
+        match error.0.strip_prefix(&path_shown) {
+            Some(rest) => SceneError(format!("{shown}{rest}")),
+            // Of a device's file of this machine.
+            None => error,
+        }
+    })?;
+    let devices = plan.probes.iter_mut();
+    for device in devices.filter_map(|probe| probe.custom_device.as_mut()) {
+        device.file.get_or_insert_with(|| shown.clone().into());
+    }
+    Ok(plan)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::devices::DeviceRegistry;
+
+    #[test]
+    fn what_is_refused_in_a_sent_scene_is_named_as_sent_and_an_own_file_by_its_name() {
+        let path = Path::new("touch.toml");
+        let sent = |probe: &str, own: Option<&str>| {
+            let text = format!("[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n[[probe]]\n{probe}\n");
+            let mut files = KeptFiles::default();
+            files.contents.insert(path.to_path_buf(), text.into());
+            let mut overrides = Overrides::default();
+            if let Some(own) = own {
+                overrides.devices.push("own.toml".into());
+                files.contents.insert("own.toml".into(), own.into());
+            }
+            let plan = load_sent(path, &overrides, &files)?;
+            let probe = &plan.probes[0];
+            DeviceRegistry::new().make(path, 0, probe, 1e-3).map(|_| ())
+        };
+        let absent = "device = { custom = { name = \"absent\" } }";
+        for probe in ["trajectory = { csv = \"absent.csv\" }", absent] {
+            let sentence = sent(probe, None).unwrap_err().to_string();
+            let place = "the station's scene touch.toml as it was sent (";
+            assert!(sentence.starts_with(place), "{sentence}");
+            assert!(sentence.contains("), line 5: "), "{sentence}");
+        }
+        for own in ["device = { custom = { port = 1 } }", absent] {
+            let sentence = sent("", Some(own)).unwrap_err().to_string();
+            assert!(sentence.starts_with("own.toml, line 1: "), "{sentence}");
+        }
+        assert_eq!(sent("", None), Ok(()));
     }
 }

@@ -1,5 +1,6 @@
 //! A scene and its files for a machine that has none of them: a *manifest* with the scene's text,
-//! in which every path is a hash and an ending, and the contents of these hashes.
+//! in which the path of every file that is read with it is a hash and an ending, and the contents
+//! of these hashes. What the settings of a custom device say is left as it is.
 
 use crate::KeptFiles;
 use protocol::FileHash;
@@ -123,7 +124,8 @@ pub struct Package {
 
 impl Package {
     /// Packs a scene that was loaded from `scene` under these overrides, with all that was read for
-    /// it. No path of this machine is in it.
+    /// it. No path of this machine is in it but those that the settings of a custom device say:
+    /// only its driver knows what they mean.
     ///
     /// # Errors
     /// When a file is too large, or was not read.

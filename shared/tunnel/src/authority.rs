@@ -113,9 +113,16 @@ pub(crate) fn make_keys_for(
         write(&files.private_key, &key.serialize_pem())?;
         Ok::<_, MakeKeysError>(own)
     };
+    let sides =
+        side(Role::Station, &names).and_then(|station| Ok([station, side(Role::Controller, &[])?]));
+    if sides.is_err() {
+        // All in it is of this call, and half of the keys would only be in the way of the next one.
+        let _ = std::fs::remove_dir_all(folder);
+    }
+    let [station, controller] = sides?;
     Ok(MadeKeys {
-        station: side(Role::Station, &names)?,
-        controller: side(Role::Controller, &[])?,
+        station,
+        controller,
         names,
         expires: of_station.1.date().to_string(),
     })

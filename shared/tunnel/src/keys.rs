@@ -100,6 +100,13 @@ pub enum KeysError {
     },
 }
 
+/// The folder in which a side looks for its keys when none is named; `None` for a user without a
+/// folder of settings.
+#[must_use]
+pub fn keys_folder() -> Option<PathBuf> {
+    dirs::config_dir().map(|settings| settings.join("hrtc/keys"))
+}
+
 /// The checked keys of one end of a link; none for a plain one.
 ///
 /// # Errors
@@ -108,8 +115,7 @@ pub fn needed_for(end: &End, folder: Option<&Path>) -> Result<Option<KeyFiles>, 
     match end.address().carriage() {
         Carriage::Tcp => Ok(None),
         Carriage::Tls => {
-            let own = dirs::config_dir().map(|settings| settings.join("hrtc/keys"));
-            let folder = folder.map(Path::to_path_buf).or(own);
+            let folder = folder.map(Path::to_path_buf).or_else(keys_folder);
             let folder = folder.ok_or(KeysError::NoFolder)?;
             check(&folder, end.role(), UnixTime::now()).map(Some)
         }
@@ -208,7 +214,9 @@ fn damaged(file: &str, reason: impl std::fmt::Display) -> KeysError {
 mod tests {
     use super::*;
     use crate::address::Address;
-    use crate::authority::{MadeKeys, make_keys};
+    use crate::authority::{MadeKeys, MakeKeysError, make_keys};
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
     use std::os::unix::fs::PermissionsExt;
     use std::time::Duration;
 
@@ -299,6 +307,18 @@ mod tests {
         assert!(needed_for(&plain, Some(nowhere)).unwrap().is_none());
         let encrypted = End::Listen(Address::to_listen("tls/127.0.0.1").unwrap());
         assert!(needed_for(&encrypted, Some(nowhere)).is_err());
+    }
+
+    #[test]
+    fn keys_that_cannot_be_made_leave_no_folder_behind() {
+        let folder = tempfile::tempdir().unwrap();
+        // Refused when the folder itself is there already.
+        let keys = folder.path().join(OsStr::from_bytes(b"keys-\xff"));
+        for _ in 0..2 {
+            let error = make_keys(&keys, &[], DAY).unwrap_err();
+            assert!(matches!(error, MakeKeysError::Folder(_)), "{error}");
+            assert!(!keys.exists());
+        }
     }
 
     #[test]

@@ -69,7 +69,7 @@ pub use arguments::{SUBCOMMAND, TunnelArgs};
 pub use authority::{MadeKeys, MakeKeysError, make_keys};
 pub use key_files::{KeyFiles, Role};
 #[cfg(feature = "engine")]
-pub use keys::KeysError;
+pub use keys::{KeysError, keys_folder};
 #[cfg(feature = "engine")]
 pub use process::run;
 pub use settings::{End, zenoh_settings};

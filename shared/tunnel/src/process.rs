@@ -12,14 +12,14 @@ use crate::notes::Notes;
 use crate::refusals::without_places;
 use crate::settings::{End, show_no_certificate, zenoh_settings};
 use iceoryx2::prelude::{
-    CallbackProgression, LogLevel, ServiceName, WaitSetBuilder, ipc, set_log_level,
+    CallbackProgression, LogLevel, ServiceName, WaitSet, WaitSetBuilder, ipc, set_log_level,
 };
+use iceoryx2::waitset::WaitSetRunResult;
 use iceoryx2_integrations_zenoh_link_carrier::ZenohCarrier;
 use iceoryx2_link::Link;
 use iceoryx2_link_backend::AllowList;
 use serde_json::Value;
 use std::fs::{File, TryLockError};
-use std::io::Read;
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -37,6 +37,11 @@ const DISCOVERY: Duration = Duration::from_millis(10);
 const LAST_WORDS: Duration = Duration::from_millis(50);
 /// Time after which an end that hangs is cut short.
 const END_TIMEOUT: Duration = Duration::from_secs(2);
+/// Time for which another tunnel of the domain is waited for: one whose owner was killed has ended
+/// by then.
+const LOCK_TIMEOUT: Duration = Duration::from_millis(2500);
+/// Time between two looks whether it has.
+const LOCK_POLL: Duration = Duration::from_millis(20);
 /// Status of a process that could not carry anything.
 const FAILED: u8 = 2;
 
@@ -94,8 +99,9 @@ fn carry(args: &TunnelArgs, end: &End, notes: &Notes) -> Result<(), CarryError> 
     let node = domain.node()?;
     // Later, because a new node sets it.
     set_log_level(LogLevel::Warn);
-    let _only = only_tunnel_of(&domain)?;
+    // Before the domain is waited for, since its owner may end meanwhile.
     let stop = stop_at_end_of_input();
+    let _only = only_tunnel_of(&domain, &stop)?;
     let session = open_session(end, &settings)?;
     notes.listen_to_links(&session, end);
     let carrier = ZenohCarrier::open(session.clone()).map_err(engine("find the other side"))?;
@@ -127,13 +133,31 @@ fn settings_for(args: &TunnelArgs, end: &End) -> Result<Value, CarryError> {
 }
 
 /// Keeps other tunnels out of a domain as long as it is open.
-fn only_tunnel_of(domain: &Domain) -> Result<File, CarryError> {
+fn only_tunnel_of(domain: &Domain, stop: &AtomicBool) -> Result<File, CarryError> {
     let file = File::create(domain.root().join("tunnel.lock"));
     let file = file.map_err(engine("keep others out of its domain"))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(CarryError::Taken(domain.name().to_owned())),
-        Err(TryLockError::Error(error)) => Err(engine("keep others out of its domain")(error)),
+    let locked = lock_within(&file, LOCK_TIMEOUT, stop);
+    if locked.map_err(engine("keep others out of its domain"))? {
+        Ok(file)
+    } else {
+        Err(CarryError::Taken(domain.name().to_owned()))
+    }
+}
+
+/// Locks a file as soon as nobody else has it locked; false when somebody still has after this
+/// time, or when it is to stop meanwhile.
+fn lock_within(file: &File, time: Duration, stop: &AtomicBool) -> std::io::Result<bool> {
+    let begin = Instant::now();
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(true),
+            Err(TryLockError::Error(error)) => return Err(error),
+            Err(TryLockError::WouldBlock) => {}
+        }
+        if begin.elapsed() >= time || stop.load(Ordering::Relaxed) {
+            return Ok(false);
+        }
+        std::thread::sleep(LOCK_POLL);
     }
 }
 
@@ -158,7 +182,7 @@ fn spin(tunnel: &mut ZenohTunnel, stop: &AtomicBool, notes: &Notes) -> Result<()
         .attach_notification(&arrivals)
         .map_err(engine("wait for arrivals"))?;
     let (mut next_discovery, mut last) = (Instant::now(), None);
-    let step = |_| {
+    until_stopped(&wait, || {
         // A wake-up that is not taken would wake again.
         let _ = arrivals.try_wait(|_| {});
         let now = Instant::now();
@@ -175,9 +199,22 @@ fn spin(tunnel: &mut ZenohTunnel, stop: &AtomicBool, notes: &Notes) -> Result<()
             return CallbackProgression::Stop;
         }
         CallbackProgression::Continue
-    };
-    wait.wait_and_process(step).map_err(engine("wait"))?;
-    Ok(())
+    })
+}
+
+/// Takes a step whenever something happens, until one says that it was the last. Signals are
+/// received and end nothing: who ends a program may send them to all of its processes, and its last
+/// words are to be carried. The owner ends it by the end of its input.
+fn until_stopped(
+    wait: &WaitSet<ipc::Service>,
+    mut step: impl FnMut() -> CallbackProgression,
+) -> Result<(), CarryError> {
+    loop {
+        let ended = wait.wait_and_process(|_| step()).map_err(engine("wait"))?;
+        if ended == WaitSetRunResult::StopRequest {
+            return Ok(());
+        }
+    }
 }
 
 /// Set when standard input ends, which its owner holds open. An end that hangs is cut short.
@@ -185,12 +222,63 @@ fn stop_at_end_of_input() -> Arc<AtomicBool> {
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
     std::thread::spawn(move || {
-        let mut input = std::io::stdin().lock();
-        let mut bytes = [0; 64];
-        while input.read(&mut bytes).is_ok_and(|count| count > 0) {}
+        // Unlike a single read it goes on after a signal.
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         flag.store(true, Ordering::Relaxed);
         std::thread::sleep(END_TIMEOUT);
         std::process::exit(i32::from(FAILED));
     });
     stop
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::process::Command;
+
+    #[test]
+    fn a_signal_ends_no_tunnel() {
+        const STEPS: u32 = 200;
+        let wait = WaitSetBuilder::new().create::<ipc::Service>().unwrap();
+        let _poll = wait.attach_interval(POLL).unwrap();
+        let (mut steps, mut sender) = (0, None);
+        let ended = until_stopped(&wait, || {
+            // From the first step on, signals are received.
+            sender.get_or_insert_with(|| {
+                let mut command = Command::new("sh");
+                command.args(["-c", "kill -TERM $PPID; exec sleep 60"]);
+                command.spawn().unwrap()
+            });
+            steps += 1;
+            if steps < STEPS {
+                CallbackProgression::Continue
+            } else {
+                CallbackProgression::Stop
+            }
+        });
+        let mut sender = sender.unwrap();
+        sender.kill().unwrap();
+        sender.wait_with_output().unwrap();
+        ended.unwrap();
+        assert_eq!(steps, STEPS);
+    }
+
+    #[test]
+    fn a_domain_is_waited_for_until_the_tunnel_before_has_ended() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = || File::create(folder.path().join("tunnel.lock")).unwrap();
+        let (goes_on, ends) = (AtomicBool::new(false), AtomicBool::new(true));
+        let long = Duration::from_secs(600);
+        let before = open();
+        before.lock().unwrap();
+        assert!(!lock_within(&open(), LOCK_POLL, &goes_on).unwrap());
+        assert!(!lock_within(&open(), long, &ends).unwrap());
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(3 * LOCK_POLL);
+                drop(before);
+            });
+            assert!(lock_within(&open(), long, &goes_on).unwrap());
+        });
+    }
 }

@@ -163,6 +163,40 @@ fn two_that_build_the_same_model_at_once_end_with_the_same_file() {
     assert_eq!(built(&cache).len(), 1, "no temporary file is left");
 }
 
+/// A scene of a folder with an object of each of these models.
+fn scene_of(folder: &Path, models: &[&str]) -> ScenePlan {
+    let objects: String = models
+        .iter()
+        .map(|model| format!("[[object]]\nmodel = \"{model}\"\nsize_m = 0.1\n"))
+        .collect();
+    let text = format!("{objects}[[probe]]\n");
+    let overrides = scene::Overrides::default();
+    scene::parse(&text, "test", folder, &overrides, &scene::NoFiles).unwrap()
+}
+
+#[test]
+fn different_models_of_one_file_name_are_refused_and_copies_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    for (scan, shape) in [
+        ("scan1", Shape::Sphere),
+        ("scan2", Shape::Torus),
+        ("copy", Shape::Sphere),
+    ] {
+        let scan = folder.path().join(scan);
+        fs::create_dir(&scan).unwrap();
+        let mesh = generate::generate(shape, 600, 1);
+        build_into(mesh, &scan.join("mesh.spm"), &NoProgress).unwrap();
+    }
+    let open = |models: &[&str]| Database::open(&scene_of(folder.path(), models), &NoProgress);
+    let copies = open(&["scan1/mesh.spm", "copy/mesh.spm", "scan1/mesh.spm"]).unwrap();
+    assert_eq!(copies.models.len(), 1);
+    let refused = open(&["scan1/mesh.spm", "copy/mesh.spm", "scan2/mesh.spm"]);
+    let sentence = refused.unwrap_err().to_string();
+    for part in ["scan1/mesh.spm", "scan2/mesh.spm", "\"mesh.spm\"", "rename"] {
+        assert!(sentence.contains(part), "{sentence}");
+    }
+}
+
 #[test]
 fn two_objects_of_one_model_share_its_map() {
     let folder = tempfile::tempdir().unwrap();
@@ -176,23 +210,7 @@ fn two_objects_of_one_model_share_its_map() {
         &NoProgress,
     )
     .unwrap();
-    let text = r#"
-[[object]]
-model = "a.spm"
-size_m = 0.1
-[[probe]]
-shape = { sphere = { radius_m = 0.001 } }
-device = { simulated = { mass_kg = 0.1, damping_ns_per_m = 1.0, encoder_m = 1e-5, hand = { stiffness_n_per_m = 200.0, damping_ns_per_m = 2.0 } } }
-trajectory = { tour = { seed = 1, speed_m_per_s = 0.1, depth_m = 0.002 } }
-"#;
-    let overrides = scene::Overrides::default();
-    let mut plan = scene::parse(text, "test", folder.path(), &overrides, &scene::NoFiles).unwrap();
-    // Scenes of this version hold one object; plans may hold more.
-    for name in ["other.spm", "a.spm", "copy.spm"] {
-        let mut object = plan.objects[0].clone();
-        object.model = ModelSource::File(name.into());
-        plan.objects.push(object);
-    }
+    let plan = scene_of(folder.path(), &["a.spm", "other.spm", "a.spm", "copy.spm"]);
     let database = Database::open(&plan, &NoProgress).unwrap();
     let models: Vec<usize> = database.objects.iter().map(|o| o.model).collect();
     assert_eq!(models, [0, 1, 0, 0]);

@@ -133,6 +133,33 @@ fn a_link_that_cannot_be_is_one_sentence() {
     transport::Domain::new("no-link").unwrap().remove_files();
 }
 
+/// Also where a path has a blank and a quote in it, and settings are kept elsewhere.
+#[cfg(feature = "tunnel")]
+#[test]
+fn the_printed_command_copies_the_stations_keys_to_where_it_looks_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let settings = at.join("my settings");
+    let made = Command::new(env!("CARGO_BIN_EXE_ve-station"))
+        .current_dir(at)
+        .args(["keys", "the lab's keys"])
+        .env("HOME", at)
+        .env("XDG_CONFIG_HOME", &settings)
+        .output()
+        .unwrap();
+    let said = String::from_utf8(made.stdout).unwrap();
+    let mut lines = said.lines();
+    let command = lines.find_map(|line| line.strip_prefix("on the station:"));
+    let copied = Command::new("sh")
+        .args(["-c", command.unwrap()])
+        .current_dir(at)
+        .env("HOME", at)
+        .status();
+    assert!(copied.unwrap().success(), "{said}");
+    let keys = std::fs::read_dir(settings.join("hrtc/keys")).unwrap();
+    assert_eq!(keys.count(), 3, "{said}");
+}
+
 #[test]
 fn bad_meshes_are_one_sentence_each() {
     let folder = tempfile::tempdir().unwrap();

@@ -122,9 +122,10 @@ impl ForceLimiter {
             most: plan.force_max_n.min(device_max_n),
             step: plan.slew_n_per_s / rate_hz,
         };
+        // A torque takes as long to its limit as a force to its own, which may be the device's.
         let torque = Limit {
             most: plan.torque_max_nm,
-            step: force.step * (plan.torque_max_nm / plan.force_max_n),
+            step: force.step * (plan.torque_max_nm / force.most),
         };
         Self {
             force,
@@ -216,6 +217,23 @@ mod tests {
             }
             prop_assert!(limiter.is_closed());
         }
+    }
+
+    #[test]
+    fn force_and_torque_take_as_long_to_their_limits_on_a_weak_device_too() {
+        for device_max_n in [10.0, 8.0, 3.0, 0.1] {
+            let limiter = ForceLimiter::new(PLAN, device_max_n, 1000.0);
+            let [force, torque] = limiter.most_changes();
+            let ticks = limiter.force_max() / force;
+            let of_torque = PLAN.torque_max_nm / torque;
+            assert!(
+                (of_torque - ticks).abs() <= 1e-12 * ticks,
+                "{device_max_n} N: {ticks} {of_torque}"
+            );
+        }
+        // Where the scene's limit counts, the bits are those of its share.
+        let strong = ForceLimiter::new(PLAN, 10.0, 1000.0);
+        assert_eq!(strong.torque.step, 0.5 * (0.4 / 8.0));
     }
 
     /// However many periods are skipped, the force is gone after the time of the ramp.

@@ -174,7 +174,8 @@ impl Probe {
                 MotionLimits::UNLIMITED,
                 probe.device.encoder_m,
                 1.0 / plan.loop_.rate_hz,
-            ),
+            )
+            .with_angular_step(probe.device.rotation.map_or(0.0, |of| of.encoder_rad)),
             rejected: false,
             rejected_samples: 0,
             wrench: Wrench::ZERO,

@@ -4,12 +4,14 @@
 //! is not, or when the quaternion has no direction. A quaternion of another length than 1 is
 //! normalised. A usable sample is *plausible* when a motion within the device's [`MotionLimits`]
 //! leads there from the last accepted sample. With the velocity v and the pose x of that sample, n
-//! periods T ago, the acceleration a and the step h of the encoder:
+//! periods T ago, the acceleration a, the step h of the encoder and the step φ of that of the
+//! orientation:
 //!
 //! - speed: `|x' - x| <= v_max n T + h`;
 //! - acceleration: `|x' - x - v n T| <= a T² n (n + 1) / 2 + 2 h (n + 1)`, since v is the mean of a
 //!   period, as of half a period before x; each of the three samples is wrong by up to h;
-//! - turn: the angle between the orientations is at most `ω_max n T`.
+//! - turn: the angle between the orientations is at most `ω_max n T + √3 φ`: each of the three
+//!   components of a rotation vector is wrong by up to `φ / 2`, in both samples.
 //!
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
 //! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
@@ -44,6 +46,8 @@ pub struct Plausibility {
     limits: MotionLimits,
     /// Step of the encoder, metres.
     encoder_m: f64,
+    /// The largest turn that the encoder of the orientation shows of a device at rest, radians.
+    turned_at_rest: f64,
     period_s: f64,
     /// [`NEW_PLACE_S`] in samples, and [`MAX_WIDENED_S`] in periods.
     new_place_samples: u32,
@@ -89,11 +93,21 @@ impl Plausibility {
         Self {
             limits,
             encoder_m,
+            turned_at_rest: 0.0,
             period_s,
             new_place_samples: ((NEW_PLACE_S / period_s).round() as u32).max(MIN_NEW_PLACE_SAMPLES),
             max_widened: (MAX_WIDENED_S / period_s).round().max(1.0) as u64,
             course: None,
             rejected: None,
+        }
+    }
+
+    /// The same with a step of the measured orientation, radians.
+    #[must_use]
+    pub fn with_angular_step(self, encoder_rad: f64) -> Self {
+        Self {
+            turned_at_rest: 3.0f64.sqrt() * encoder_rad,
+            ..self
         }
     }
 
@@ -176,7 +190,7 @@ impl Plausibility {
         is(Mutant::Spike)
             || moved.length() <= speed_m_per_s * seconds + self.encoder_m
                 && strays.length() <= acceleration_m_per_s2 * bend + noise
-                && turned <= angular_speed_rad_per_s * seconds
+                && turned <= angular_speed_rad_per_s * seconds + self.turned_at_rest
     }
 }
 
@@ -282,6 +296,32 @@ mod tests {
                 .judge(at(1.0), 1, true)
                 .is_some_and(|of| !of.is_new_place)
         );
+    }
+
+    #[test]
+    fn turns_within_the_steps_of_the_encoder_are_accepted_at_every_rate() {
+        let encoder_rad = 0.033;
+        let turned = |steps: DVec3| {
+            Some(Pose {
+                position: DVec3::ZERO,
+                orientation: DQuat::from_scaled_axis(steps * encoder_rad),
+            })
+        };
+        for rate_hz in [1000.0, 4000.0, 10_000.0] {
+            let judge = Plausibility::new(MotionLimits::HAND, 1e-5, 1.0 / rate_hz);
+            let mut judge = judge.with_angular_step(encoder_rad);
+            // At the edge between two steps, of one component and of all three.
+            for axis in [DVec3::X, DVec3::ONE] {
+                for k in 0..10 {
+                    let steps = axis * f64::from(k % 2);
+                    let accepted = judge.judge(turned(steps), 1, false);
+                    assert!(accepted.is_some_and(|of| !of.is_new_place), "{rate_hz} Hz");
+                }
+            }
+            // The last one was one step of all three.
+            let wild = DVec3::ONE + DVec3::X * (100.0 / rate_hz / encoder_rad + 3.0);
+            assert_eq!(judge.judge(turned(wild), 1, false), None, "{rate_hz} Hz");
+        }
     }
 
     #[test]
