@@ -1,5 +1,6 @@
 //! Limits of a scene's numbers, and the defaults of numbers that more than one place needs.
 
+use std::f64::consts::FRAC_PI_2;
 use std::ops::RangeInclusive;
 
 /// Lengths, metres: from below an atom to above the Earth, so no square overflows or vanishes.
@@ -18,9 +19,20 @@ pub(crate) const NOT_NEGATIVE: Range = Range::NotNegative(MAX_COEFFICIENT);
 /// than the 4 ms in which the default slew limit of 2000 N/s lets the default 8 N rise.
 pub(crate) const RAMP_S: Range = Range::Within(0.01, 60.0);
 /// Ticks a second.
-pub(crate) const RATE_HZ: Range = Range::Within(100.0, 10_000.0);
+pub(crate) const RATE_HZ: Range = Range::Within(100.0, MAX_RATE_HZ);
+/// Most ticks a second.
+pub(crate) const MAX_RATE_HZ: f64 = 10_000.0;
 /// Speed of a scripted path, m/s.
 pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
+
+/// Step of an encoder, metres: none, or from far below that of any, so that a place is a finite
+/// number of steps.
+pub(crate) const ENCODER_M: Range = Range::ZeroOrWithin(1e-12, MAX_LENGTH_M);
+/// Step of an encoder of a rotation, radians: none, or as far below any; four steps a turn at the
+/// least.
+pub(crate) const ENCODER_RAD: Range = Range::ZeroOrWithin(1e-12, MAX_ENCODER_RAD);
+/// Largest step of an encoder of a rotation, radians.
+pub(crate) const MAX_ENCODER_RAD: f64 = FRAC_PI_2;
 
 /// Importance of an object: the greatest is a hundred times the least.
 pub(crate) const IMPORTANCE: Range = Range::Within(0.1, 10.0);
@@ -40,6 +52,8 @@ pub(crate) const GENERATED_FACES: RangeInclusive<i64> = 64..=1 << 26;
 /// Largest rotation of a driven object in a tick, radians: the shortest arc between two poses
 /// must be the rotation that was meant.
 pub(crate) const MAX_TICK_ROTATION_RAD: f64 = 0.5;
+/// Fewest ticks in a period of a driven object: as many samples a wave as a vibration has.
+pub(crate) const MIN_PERIOD_TICKS: f64 = 4.0;
 
 /// Largest coefficient of friction: rubber has 1 to 2. With more, the pull along the surface
 /// exceeds the push of the surface so much that a corner of two faces traps the proxy.
@@ -54,6 +68,12 @@ pub(crate) const MAX_TEXTURE_SLOPE: f64 = 1.0;
 pub(crate) const DEFAULT_KEEP_BYTES: u64 = 512 << 20;
 /// Least bytes of a recording's files together: four files with the state of a small cache each.
 pub(crate) const MIN_KEEP_BYTES: u64 = 1 << 20;
+
+/// A least number as a sentence names it: by 0.1 % more, which no rounding to four digits takes
+/// away, so that what is named is let in.
+pub(crate) fn rounded_up(least: f64) -> f64 {
+    1.001 * least
+}
 
 /// Allowed values of a number.
 pub(crate) trait Limit<T> {
@@ -82,6 +102,8 @@ pub(crate) enum Range {
     NotNegative(f64),
     /// From the first to the second.
     Within(f64, f64),
+    /// 0 for none, or from the first to the second.
+    ZeroOrWithin(f64, f64),
 }
 
 impl Limit<f64> for Range {
@@ -98,6 +120,10 @@ impl Limit<f64> for Range {
             Self::Within(min, max) => (
                 (min..=max).contains(&number),
                 format!("a number from {min} to {max}"),
+            ),
+            Self::ZeroOrWithin(min, max) => (
+                number == 0.0 || (min..=max).contains(&number),
+                format!("0 for none, or a number from {min} to {max}"),
             ),
         };
         if fits {

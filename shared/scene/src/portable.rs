@@ -44,8 +44,8 @@ impl FileKind {
 }
 
 /// The text of a valid scene with every file named by `rename`; models keep the names of their
-/// files and lose the folders. Where the recording goes, and comments, are left out: no path is
-/// left.
+/// files and lose the folders. Where the recording goes, and comments, are left out. Paths are left
+/// in the settings of custom devices only, of which nothing is changed.
 ///
 /// # Errors
 /// When the text is no scene, or those of `rename`.

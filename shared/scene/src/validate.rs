@@ -98,7 +98,7 @@ fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan,
     let first_copies = objects.copies.first().map_or(0, |copies| copies.end);
     overrides::apply(&mut plan, first_copies, overrides, source.files)
         .map_err(|sentence| source.whole(&sentence))?;
-    device::check(source, &typed.probe, &plan)?;
+    device::check(source, &typed.probe, &overrides.devices, &plan)?;
     effects::add(source, &typed, &objects.copies, &mut plan)?;
     let tables = typed.object.iter().map(Spanned::get_ref);
     movable::check(source, tables.zip(&objects.copies), &plan)?;

@@ -1,14 +1,16 @@
 //! The device of a probe.
 
 use crate::files::{Files, read_text};
-use crate::limits::{MAX_COEFFICIENT, NOT_NEGATIVE, Range};
+use crate::limits::{
+    ENCODER_M, ENCODER_RAD, MAX_COEFFICIENT, MAX_ENCODER_RAD, NOT_NEGATIVE, Range, rounded_up,
+};
 use crate::plan::{
     CustomDevicePlan, DeviceRotationPlan, HandImpedance, ProbeShape, ScenePlan,
     SimulatedDevicePlan, device_steps,
 };
 use crate::source::{SceneError, Source, key};
 use crate::typed::{DeviceFileTyped, DeviceTyped, ProbeTyped, SimulatedTyped, Whole};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use toml::Spanned;
 
 /// The mechanics of the device of a probe of this shape, and the custom device if it is one. The
@@ -86,7 +88,7 @@ fn simulated(
             default.damping_ns_per_m,
             NOT_NEGATIVE,
         )?,
-        encoder_m: source.number(key!(typed.encoder_m), default.encoder_m, NOT_NEGATIVE)?,
+        encoder_m: source.number(key!(typed.encoder_m), default.encoder_m, ENCODER_M)?,
         hand: HandImpedance {
             stiffness_n_per_m: source.number(
                 hand_stiffness,
@@ -118,8 +120,6 @@ fn rotation(
     let hand_stiffness = ("hand's stiffness_nm_per_rad", &hand.stiffness_nm_per_rad);
     let hand_damping = ("hand's damping_nms_per_rad", &hand.damping_nms_per_rad);
     let inertia = Range::Within(1e-12, MAX_COEFFICIENT);
-    // Four steps a turn at the least.
-    let encoder = Range::Within(0.0, std::f64::consts::FRAC_PI_2);
     let default = DeviceRotationPlan::of_handle(device);
     let is_rendered = is_six(source, ("renders", &typed.renders), device.senses_rotation)?;
     if let (true, false, Some(renders)) = (is_rendered, device.senses_rotation, &typed.renders) {
@@ -138,8 +138,8 @@ fn rotation(
         )?,
         encoder_rad: number(
             key!(typed.encoder_rad),
-            default.encoder_rad.min(std::f64::consts::FRAC_PI_2),
-            encoder,
+            default.encoder_rad.min(MAX_ENCODER_RAD),
+            ENCODER_RAD,
         )?,
         hand_stiffness_nm_per_rad: number(
             hand_stiffness,
@@ -174,26 +174,29 @@ fn is_six(
 
 /// Refuses a simulated device whose hand its integrator cannot hold at the rate of the loop. With
 /// the step h, the semi-implicit Euler method is stable for `k h² + 2 b h < 4 m`, and for `k h² < 4
-/// I` where its damping is implicit.
+/// I` where its damping is implicit. `files` of the command line describe the first devices.
 pub(super) fn check(
     source: &Source,
     typed: &[Spanned<ProbeTyped>],
+    files: &[PathBuf],
     plan: &ScenePlan,
 ) -> Result<(), SceneError> {
     let period_s = 1.0 / plan.loop_.rate_hz;
     let step = period_s / f64::from(device_steps(period_s));
-    for (typed, probe) in typed.iter().zip(&plan.probes) {
+    for (k, (typed, probe)) in typed.iter().zip(&plan.probes).enumerate() {
         let device = &probe.device;
         let damping = device.damping_ns_per_m + device.hand.damping_ns_per_m;
         let spring = device.hand.stiffness_n_per_m * step * step;
         let least_kg = 0.25 * (spring + 2.0 * damping * step);
         let refuse = |key: &str, value: f64, least: f64| {
-            source.value(
-                typed,
-                &format!(
-                    "{key} of the simulated device is {value}: its hand would shake it apart at this rate; write more than {least:.3e}, or a softer hand"
-                ),
-            )
+            let sentence = format!(
+                "{key} of the simulated device is {value}: its hand would shake it apart at this rate; write {:.3e} or more, or a softer hand",
+                rounded_up(least)
+            );
+            match files.get(k) {
+                Some(file) => SceneError(format!("--device {}: {sentence}", file.display())),
+                None => source.value(typed, &sentence),
+            }
         };
         if device.mass_kg <= least_kg {
             return Err(refuse("mass_kg", device.mass_kg, least_kg));
@@ -269,6 +272,12 @@ mod tests {
                 3,
                 "--device is given 3 times",
             ),
+            // Too light for its hand, which is known with the rate of the scene.
+            (
+                "device = { simulated = { mass_kg = 2e-6 } }",
+                2,
+                "--device arm.toml: mass_kg",
+            ),
         ] {
             let refused = with(content, count).unwrap_err().0;
             assert!(refused.contains(named), "{refused}");
@@ -329,6 +338,9 @@ mod tests {
         for (keys, line, named) in [
             ("inertia_kgm2 = 0.0", 6, "inertia_kgm2 is 0"),
             ("encoder_rad = 2.0", 6, "encoder_rad is 2"),
+            // So small that a place is no finite number of steps.
+            ("encoder_rad = 1e-310", 6, "encoder_rad is 0.000"),
+            ("encoder_m = 1e-310", 6, "encoder_m is 0.000"),
             ("senses = 4", 6, "senses is 4"),
             ("renders = 0", 6, "renders is 0"),
             ("senses = 3, renders = 6", 6, "senses 3"),
@@ -360,9 +372,27 @@ mod tests {
             .is_ok()
         );
         assert!(device(ROD, "mass_kg = 1e-4").is_ok());
+        assert!(device(ROD, "encoder_m = 1e-12, encoder_rad = 1e-12").is_ok());
         let three = SimulatedDevicePlan::default();
         let stiff = 4.0 * three.mass_kg / (6.25e-5 * 6.25e-5);
         let hand = format!("hand = {{ stiffness_n_per_m = {stiff} }}");
         assert!(device(BALL, &hand).unwrap_err().contains("mass_kg"));
+    }
+
+    #[test]
+    fn the_number_that_a_refusal_names_is_let_in() {
+        // The least: 7.83203e-5 kg and 9.86328e-10 kg m², which four digits would round down.
+        for (key, light, hand) in [
+            ("mass_kg", 5e-5, "damping_ns_per_m = 1.5"),
+            ("inertia_kgm2", 9e-10, "stiffness_nm_per_rad = 1.01"),
+        ] {
+            let keys = |number: f64| format!("{key} = {number:?}, hand = {{ {hand} }}");
+            let refused = device(ROD, &keys(light)).unwrap_err();
+            let named = refused.split("write ").nth(1).unwrap_or_default();
+            let named = named.split(' ').next().unwrap_or_default();
+            let named: f64 = named.parse().expect(&refused);
+            assert!(device(ROD, &keys(named)).is_ok(), "{refused}");
+            assert!(device(ROD, &keys(0.998 * named)).is_err(), "{refused}");
+        }
     }
 }

@@ -4,8 +4,8 @@
 mod stability;
 
 use crate::limits::{
-    GRAVITY_M_PER_S2, LENGTH_M, MAX_COEFFICIENT, MAX_FRICTION, MAX_PATH_POINTS, MAX_TEXTURE_SLOPE,
-    NOT_NEGATIVE, POSITIVE, Range,
+    GRAVITY_M_PER_S2, LENGTH_M, MAX_COEFFICIENT, MAX_FRICTION, MAX_LENGTH_M, MAX_PATH_POINTS,
+    MAX_TEXTURE_SLOPE, NOT_NEGATIVE, POSITIVE, Range,
 };
 use crate::plan::{
     BoundaryPlan, Effect, EffectPlan, FrictionPlan, GravityPlan, HeightMap, InertiaPlan,
@@ -305,9 +305,14 @@ fn magnet(source: &Source, typed: &MagnetTyped, limits: &Limits) -> Result<Effec
     let steepest = stability::steepest(force_n, reach_m);
     let max = limits.stiffness(0.0);
     if steepest > max {
+        let shortest_m = 4.0 * force_n / max;
+        let remedy = if shortest_m <= MAX_LENGTH_M {
+            format!("write at least {shortest_m}")
+        } else {
+            "it has no damping or hardly any, so no spring is stable on it: give it a damping_ns_per_m, or leave the magnet out".to_string()
+        };
         return Err(source.value(&typed.reach_m, &format!(
-            "reach_m is {reach_m}: over so short a distance {force_n} N are as stiff as {steepest} N/m, more than this loop holds stable on this device ({max}); write at least {}",
-            4.0 * force_n / max
+            "reach_m is {reach_m}: over so short a distance {force_n} N are as stiff as {steepest} N/m, more than this loop holds stable on this device ({max}); {remedy}"
         )));
     }
     Ok(Effect::Magnet(MagnetPlan { force_n, reach_m }))
@@ -364,7 +369,14 @@ fn spring(
     };
     let damping = Range::Positive(limits.damping());
     let damping_ns_per_m = source.number(key!(typed.damping_ns_per_m), 0.0, damping)?;
-    let stiffness = Range::Positive(limits.stiffness(damping_ns_per_m));
+    let max = limits.stiffness(damping_ns_per_m);
+    if max == 0.0 {
+        return Err(source.value(
+            &typed.stiffness_n_per_m,
+            "a device of this scene has no damping, so no spring without damping is stable on it; give the spring or the device a damping_ns_per_m",
+        ));
+    }
+    let stiffness = Range::Positive(max);
     let force_max_n = limits.force_max_n;
     let force = Range::Positive(force_max_n);
     Ok(Effect::Spring(SpringPlan {

@@ -29,9 +29,11 @@ struct Shares {
 
 impl Shares {
     fn of(effect: &Effect, limits: &Limits) -> Self {
+        // What has no stiffness takes nothing of a limit that is 0, on a device without damping.
+        let share = |of: f64, limit: f64| if of == 0.0 { 0.0 } else { of / limit };
         let shares = |limits: Limits, stiffness: f64, damping: f64| Self {
-            stiffness: stiffness / limits.stiffness(damping),
-            damping: damping / limits.damping(),
+            stiffness: share(stiffness, limits.stiffness(damping)),
+            damping: share(damping, limits.damping()),
         };
         match effect {
             Effect::Spring(of) => shares(*limits, of.stiffness_n_per_m, of.damping_ns_per_m),

@@ -288,3 +288,37 @@ fn effects_that_act_at_once_are_stable_together() {
         "{error}"
     );
 }
+
+#[test]
+fn on_a_device_without_damping_only_a_spring_with_damping_is_stable() {
+    let probe = "[[probe]]\ndevice = { simulated = { damping_ns_per_m = 0.0 } }\n";
+    let scene = |effects: &[&str]| {
+        let effects = effects.join(", ");
+        with(&format!("effects = [{effects}]\n{OBJECT}{probe}"))
+    };
+    for effect in [
+        "{ spring = { point_m = [0, 0, 0], stiffness_n_per_m = 5 } }",
+        "{ magnet = { force_n = 1, reach_m = 0.01 } }",
+    ] {
+        let error = scene(&[effect]).unwrap_err().to_string();
+        assert!(
+            error.starts_with("test.toml, line 1: ") && error.contains("no damping"),
+            "{error}"
+        );
+        assert!(
+            !error.contains("at most 0") && !error.contains("inf"),
+            "{error}"
+        );
+    }
+    // An effect without stiffness does not hide what others take together.
+    let weight = "{ gravity = { mass_kg = 0.1 } }";
+    let spring =
+        "{ spring = { point_m = [0, 0, 0], stiffness_n_per_m = 4000, damping_ns_per_m = 10 } }";
+    let inertia =
+        "{ inertia = { mass_kg = 0.2, stiffness_n_per_m = 4000, damping_ns_per_m = 10 } }";
+    assert!(scene(&[spring, weight]).is_ok() && scene(&[inertia, weight]).is_ok());
+    for effects in [&[spring, inertia][..], &[weight, spring, inertia]] {
+        let error = scene(effects).unwrap_err().to_string();
+        assert!(error.contains("1.60 times the stiffness"), "{error}");
+    }
+}

@@ -1,6 +1,9 @@
 //! Checks of the objects that move.
 
-use crate::limits::{MAX_COEFFICIENT, MAX_TICK_ROTATION_RAD, NOT_NEGATIVE, POSITIVE, Range};
+use crate::limits::{
+    MAX_COEFFICIENT, MAX_TICK_ROTATION_RAD, MIN_PERIOD_TICKS, NOT_NEGATIVE, POSITIVE, Range,
+    rounded_up,
+};
 use crate::plan::{
     DrivenPlan, FreePlan, HingePlan, MAX_MOVABLES, MassPlan, ModelScale, MovablePlan, ObjectPlan,
     RailPlan, ScenePlan, SpringDamperPlan, min_coupled_mass,
@@ -98,7 +101,7 @@ pub(super) fn check<'a>(
         let Some(movable) = &object.movable else {
             continue;
         };
-        check_rotation(source, typed.get_ref(), movable, plan.loop_.rate_hz)?;
+        check_driven(source, typed.get_ref(), movable, plan.loop_.rate_hz)?;
         if let Some((mass, inertia)) = typed.get_ref().mass() {
             check_mass(source, mass, inertia, object, movable, plan)?;
         }
@@ -106,15 +109,17 @@ pub(super) fn check<'a>(
     Ok(())
 }
 
-/// Refuses a driven rotation that is too fast for the loop.
-fn check_rotation(
+/// Refuses a driven motion that is too fast for the loop.
+fn check_driven(
     source: &Source,
     typed: &MovableTyped,
     movable: &MovablePlan,
     rate_hz: f64,
 ) -> Result<(), SceneError> {
-    if let (MovableTyped::Driven(typed), MovablePlan::Driven(driven)) = (typed, movable)
-        && let Some(angular) = &typed.angular_rad_per_s
+    let (MovableTyped::Driven(typed), MovablePlan::Driven(driven)) = (typed, movable) else {
+        return Ok(());
+    };
+    if let Some(angular) = &typed.angular_rad_per_s
         && driven.angular_rad_per_s.length() > MAX_TICK_ROTATION_RAD * rate_hz
     {
         return Err(source.value(
@@ -122,6 +127,18 @@ fn check_rotation(
             &format!(
                 "angular_rad_per_s turns the object by more than {MAX_TICK_ROTATION_RAD} rad in a tick of {rate_hz} a second; write at most {} rad/s",
                 MAX_TICK_ROTATION_RAD * rate_hz
+            ),
+        ));
+    }
+    let shortest_s = MIN_PERIOD_TICKS / rate_hz;
+    if let Some(typed) = &typed.period_s
+        && *typed.get_ref() < shortest_s
+    {
+        return Err(source.value(
+            typed,
+            &format!(
+                "period_s is {}, shorter than {MIN_PERIOD_TICKS} ticks of {rate_hz} a second; write at least {shortest_s}",
+                typed.get_ref()
             ),
         ));
     }
@@ -170,13 +187,16 @@ fn check_mass(
     Err(match inertia {
         None => source.value(
             mass,
-            &format!("mass_kg is {given}, {too_light} mass_kg = {needed:.3e} or more"),
+            &format!(
+                "mass_kg is {given}, {too_light} mass_kg = {:.3e} or more",
+                rounded_up(needed)
+            ),
         ),
         Some(inertia) => source.value(
             inertia,
             &format!(
                 "mass_kg and inertia_kgm2 are {too_light} {:.3} times both or more",
-                min / found
+                rounded_up(min / found)
             ),
         ),
     })

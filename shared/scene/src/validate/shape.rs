@@ -58,8 +58,8 @@ fn rod_numbers(source: &Source, rod: &RodTyped) -> Result<(f64, f64, u32), Scene
     ))
 }
 
-/// Reads a tool at the finest level of detail within its number of faces, and scales it to its
-/// size.
+/// Reads a tool at the finest level of detail within its number of faces, its base mesh where that
+/// has more already, and scales it to its size.
 fn tool_mesh(source: &Source, mesh: &MeshTyped) -> Result<ToolMeshPlan, SceneError> {
     let size = source.required(key!(mesh.size_m), LENGTH_M)?;
     let max_faces = faces(source, key!(mesh.faces))?;

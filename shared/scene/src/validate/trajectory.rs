@@ -5,7 +5,7 @@
 //! (BurntSushi/rust-csv 208) and with CRLF (395), and every error here names its line.
 
 use super::objects::Objects;
-use crate::limits::{LENGTH_M, SPEED_M_PER_S};
+use crate::limits::{LENGTH_M, MAX_LENGTH_M, SPEED_M_PER_S};
 use crate::plan::TrajectoryPlan;
 use crate::source::{SceneError, Source, key};
 use crate::typed::{TourTyped, TrajectoryTyped};
@@ -100,6 +100,11 @@ fn point(line: &str, before: Option<f64>) -> Result<(f64, Pose), String> {
             "time {t} does not come after {before}; sort the points by strictly increasing seconds"
         ));
     }
+    if let Some(far) = [x, y, z].into_iter().find(|x| x.abs() > MAX_LENGTH_M) {
+        return Err(format!(
+            "{far} m is too far away; write x, y and z in metres, none larger than {MAX_LENGTH_M}"
+        ));
+    }
     let pose = Pose::from_wxyz([x, y, z], orientation)
         .ok_or("the orientation qw,qx,qy,qz has no direction; write a quaternion, w first")?;
     Ok((t, pose))
@@ -122,4 +127,22 @@ fn columns(line: &str) -> Result<([f64; 8], usize), String> {
         count += 1;
     }
     Ok((numbers, count))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_beyond_the_longest_length_is_refused_with_its_line() {
+        for place in ["1.1e7,0,0", "0,-1e300,0", "0,0,1e8,1,0,0,0"] {
+            let text = format!("0,0,0,0\n1,{place}\n");
+            let refused = points(&text, "path.csv").unwrap_err().0;
+            assert!(
+                refused.starts_with("path.csv, line 2:") && refused.contains("too far away"),
+                "{refused}"
+            );
+        }
+        assert!(points("0,1e7,0,-1e7\n", "path.csv").is_ok());
+    }
 }
