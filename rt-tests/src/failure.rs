@@ -18,7 +18,7 @@ pub enum Failure {
 /// By what a user says where something is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Chosen {
-    /// An option that names a folder.
+    /// An option that names a folder or a file.
     By(&'static str),
     /// The folder for what is temporary.
     Temporary,
@@ -51,7 +51,7 @@ impl Failure {
     #[must_use]
     pub fn write_at(chosen: Chosen, path: &Path, error: &dyn std::fmt::Display) -> Self {
         let remedy = match chosen {
-            Chosen::By(option) => format!("choose another folder with {option}"),
+            Chosen::By(option) => format!("choose another place with {option}"),
             Chosen::Temporary => "make room there, or set TMPDIR to another folder".to_string(),
         };
         let path = path.display();

@@ -13,9 +13,8 @@ mod built {
     /// Length of a day, seconds.
     const DAY_S: u64 = 24 * 3600;
 
-    /// Where keys are looked for on a machine whose settings have no folder of their own, as its
-    /// shell has it.
-    const USUAL_FOLDER: &str = "~/.config/hrtc/keys";
+    /// Where a side usually looks for its keys, from its user's home.
+    const USUAL_FOLDER: &str = ".config/hrtc/keys";
 
     /// Listens for controllers as long as what it returns lives.
     pub fn listen(
@@ -41,14 +40,14 @@ mod built {
         let [station, controller] = [&made.station, &made.controller].map(|of| quoted(of));
         // Where a station of this user looks for them.
         let target = tunnel::keys_folder();
-        let target = target.map_or_else(|| USUAL_FOLDER.to_owned(), |folder| quoted(&folder));
+        let target = target.map_or_else(|| format!("~/{USUAL_FOLDER}"), |folder| quoted(&folder));
         let names = made.names.join(", ");
         let expires = &made.expires;
         Ok(format!(
             "keys in {}, valid until {expires}; controllers call the station by {names}\n\
              on the station:     mkdir -p {target} && cp {station}/* {target}/\n\
-             on the controller:  mkdir -p {USUAL_FOLDER}\n\
-             from here to it:    scp {controller}/* USER@CONTROLLER:.config/hrtc/keys/\n\
+             on the controller:  mkdir -p ~/{USUAL_FOLDER}\n\
+             from here to it:    scp {controller}/* USER@CONTROLLER:{USUAL_FOLDER}/\n\
              then remove {}: whoever has a copy is let in",
             folder.display(),
             folder.display()

@@ -194,7 +194,7 @@ pub struct TickLoad {
 }
 
 impl TickLoad {
-    /// Of so many pairs of a ball and of a tool, objects and probes, and steps of bodies.
+    /// For these pairs (of a ball, of a tool), numbers of objects and probes, and steps of bodies.
     #[must_use]
     pub fn new(pairs: [usize; 2], objects: usize, probes: usize, body_steps: usize) -> Self {
         Self {

@@ -63,6 +63,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use thiserror::Error;
+pub use worker::NOT_RECORDED;
 use worker::{Ending, Sources, Worker};
 
 /// Reasons of a recording that cannot be written or read.

@@ -45,6 +45,9 @@ impl Sources {
     }
 }
 
+/// What a controller says where the disk takes no more of its recording.
+pub const NOT_RECORDED: &str = "ticks are not recorded for now";
+
 /// How a run ended.
 #[derive(Debug)]
 pub(super) struct Ending {
@@ -368,7 +371,7 @@ impl Worker {
         if !self.has_warned {
             self.has_warned = true;
             self.progress.has_lost.store(true, Ordering::Relaxed);
-            note!("ticks are not recorded for now, the run goes on: {reason}");
+            note!("{NOT_RECORDED}, the run goes on: {reason}");
         }
         // What waited behind a failure is lost with it.
         let lost = self.disk.take_lost().unwrap_or(self.pending_tick);

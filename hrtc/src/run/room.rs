@@ -9,7 +9,7 @@ use hrtc_core::governor::{TickLoad, TickNeed, WorkCosts};
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
 use realtime::rights::{obtain_processor, return_freed_memory, usable_cores};
-use scene::{ActiveSurface, LoopPlan, ProbePlan, ProbeShape, ScenePlan};
+use scene::{ActiveSurface, LoopPlan, MovablePlan, ProbePlan, ProbeShape, ScenePlan};
 
 /// The core of the tick: that of the scene, or where it names none the one of this process that
 /// devices interrupt least; `None` leaves it to the kernel.
@@ -115,18 +115,29 @@ pub(super) fn check(plan: &ScenePlan, costs: WorkCosts) -> Result<(), RunError> 
     let balls = plan.probes.iter().filter(is_ball).count();
     let tools = plan.probes.len() - balls;
     let (rate_hz, operations) = (plan.loop_.rate_hz, plan.loop_.operations);
-    let moving = plan.objects.iter().filter(|of| of.movable.is_some());
-    let (objects, moving) = (plan.objects.len(), moving.count());
-    let load = TickLoad::new([balls, tools], objects, plan.probes.len(), moving);
-    let need = TickNeed::new(costs, 1.0 / rate_hz, operations, load);
+    let movable = || plan.objects.iter().filter_map(|of| of.movable.as_ref());
+    let is_driven = |of: &&MovablePlan| matches!(of, MovablePlan::Driven(_));
+    let (objects, probes) = (plan.objects.len(), plan.probes.len());
+    let load = |bodies| TickLoad::new([balls, tools], objects, probes, bodies);
+    let need_of = |load| TickNeed::new(costs, 1.0 / rate_hz, operations, load);
+    // Others rest until they are pushed.
+    let moving = load(movable().filter(is_driven).count());
+    let need = need_of(moving);
     if need.fixed_ns > need.share_ns {
         return Err(RunError::TooSlow(short_of_time(&need, &plan.loop_)));
     }
     if need.operations < 0.99 * operations as f64 {
         note!("{}", short_of_time(&need, &plan.loop_));
     }
-    if let Some(crowd) = crowd(costs, &plan.loop_, load, plan.active_objects()) {
+    if let Some(crowd) = crowd(costs, &plan.loop_, moving, plan.active_objects()) {
         note!("{crowd}");
+    }
+    let bodies = movable().count();
+    let all = need_of(load(bodies));
+    if all.fixed_ns > all.share_ns {
+        note!(
+            "where all {bodies} movable objects move at once a tick is late here: fewer of them or a lower [loop] rate_hz leave it time"
+        );
     }
     Ok(())
 }

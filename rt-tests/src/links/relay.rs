@@ -88,15 +88,15 @@ impl Relay {
     /// # Errors
     /// What failed in it, as a sentence.
     pub fn end(mut self) -> Result<Relayed, String> {
-        let ended = self.end_thread();
-        ended.unwrap_or_else(|| Err("the relay has ended already".to_string()))
+        self.end_thread()
     }
 
-    /// Has the thread end and waits for it: the first time, with what it said.
-    fn end_thread(&mut self) -> Option<Result<Relayed, String>> {
+    /// Has the thread end, and waits for what it says.
+    fn end_thread(&mut self) -> Result<Relayed, String> {
         self.stop.store(true, Ordering::Relaxed);
-        let ended = self.thread.take()?.join();
-        Some(ended.unwrap_or_else(|_| Err("the relay ended by a panic".to_string())))
+        let ended = self.thread.take().map(JoinHandle::join);
+        let failed = || Err("the relay ended by a panic".to_string());
+        ended.and_then(Result::ok).unwrap_or_else(failed)
     }
 }
 

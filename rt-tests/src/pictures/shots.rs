@@ -43,8 +43,7 @@ impl<'a> Shots<'a> {
         Self { playback, title }
     }
 
-    /// The picture of a tick, and the tick that it shows: another one where the run skipped this
-    /// one, that after it.
+    /// The picture of a tick, and the tick that it shows: the next one where the run skipped it.
     ///
     /// # Errors
     /// When the recording does not replay up to there.

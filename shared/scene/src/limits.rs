@@ -25,11 +25,10 @@ pub(crate) const MAX_RATE_HZ: f64 = 10_000.0;
 /// Speed of a scripted path, m/s.
 pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
 
-/// Step of an encoder, metres: none, or from far below that of any, so that a place is a finite
-/// number of steps.
+/// Step of an encoder, metres; 0 for none. The smallest is far below that of any encoder, so that a
+/// place divided by it stays finite.
 pub(crate) const ENCODER_M: Range = Range::ZeroOrWithin(1e-12, MAX_LENGTH_M);
-/// Step of an encoder of a rotation, radians: none, or as far below any; four steps a turn at the
-/// least.
+/// Step of an encoder of a rotation, radians; 0 for none. Four steps a turn at the least.
 pub(crate) const ENCODER_RAD: Range = Range::ZeroOrWithin(1e-12, MAX_ENCODER_RAD);
 /// Largest step of an encoder of a rotation, radians.
 pub(crate) const MAX_ENCODER_RAD: f64 = FRAC_PI_2;
@@ -106,30 +105,43 @@ pub(crate) enum Range {
     ZeroOrWithin(f64, f64),
 }
 
+/// A number as people write it: not with hundreds of digits.
+fn shown(number: f64) -> String {
+    if number == 0.0 || (1e-6..1e12).contains(&number.abs()) {
+        format!("{number}")
+    } else {
+        format!("{number:e}")
+    }
+}
+
 impl Limit<f64> for Range {
     fn check(self, key: &str, number: f64) -> Result<f64, String> {
         let (fits, wanted) = match self {
             Self::Positive(max) => (
                 number > 0.0 && number <= max,
-                format!("a number above 0, at most {max}"),
+                format!("a number above 0, at most {}", shown(max)),
             ),
             Self::NotNegative(max) => (
                 (0.0..=max).contains(&number),
-                format!("a number from 0 to {max}"),
+                format!("a number from 0 to {}", shown(max)),
             ),
             Self::Within(min, max) => (
                 (min..=max).contains(&number),
-                format!("a number from {min} to {max}"),
+                format!("a number from {} to {}", shown(min), shown(max)),
             ),
             Self::ZeroOrWithin(min, max) => (
                 number == 0.0 || (min..=max).contains(&number),
-                format!("0 for none, or a number from {min} to {max}"),
+                format!(
+                    "0 for none, or a number from {} to {}",
+                    shown(min),
+                    shown(max)
+                ),
             ),
         };
         if fits {
             Ok(number)
         } else {
-            Err(format!("{key} is {number}; write {wanted}"))
+            Err(format!("{key} is {}; write {wanted}", shown(number)))
         }
     }
 }

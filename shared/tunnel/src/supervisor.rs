@@ -24,8 +24,8 @@ const ONE_THREAD: [&str; 2] = [
     "ZENOH_RUNTIME",
     "(rx: (handover: tx), tx: (worker_threads: 1))",
 ];
-/// Time in which a tunnel is ready or says why not: it opens a domain and a port, and waits half a
-/// second for those that it calls.
+/// Time in which a tunnel is ready or says why not: it waits for the tunnel before to end (2.5 s),
+/// opens a domain and a port, and waits half a second for those that it calls.
 const READY_TIMEOUT: Duration = Duration::from_secs(20);
 /// Time in which a tunnel ends when asked.
 const END_TIMEOUT: Duration = Duration::from_secs(3);

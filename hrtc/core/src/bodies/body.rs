@@ -229,7 +229,7 @@ impl Body {
         self.most_steps = steps.clamp(1, MAX_STEP_PERIODS);
     }
 
-    /// Steps to `tick`, `periods` after the last step, in no more than `MAX_STEP_PERIODS` steps,
+    /// Steps to `tick`, `periods` after the last step, in no more steps than were shared out to it,
     /// which are longer then. A pendulum has not swung on for longer than its steps allow. Returns
     /// how many it took.
     pub fn step(&mut self, tick: u64, periods: u32) -> u32 {

@@ -55,7 +55,7 @@ impl Front {
         let may_prefetch =
             self.pressure.may_prefetch() && self.time_steps == 0 && waiting < MAX_WAITING;
         let unknown = self.predictions.unknown(may_request);
-        // Behind the first that is only ahead are no others.
+        // None that is needed comes after one that is only ahead.
         let wanted = unknown.take_while(move |of| of.is_needed || may_prefetch);
         (&mut self.cache, wanted)
     }

@@ -225,8 +225,10 @@ mod tests {
             predictions.unknown.extend((0..count).map(unknown));
             let before = predictions.unknown.clone();
             assert_eq!(predictions.unknown(false).next(), None);
-            assert_eq!(predictions.unknown(true).given, 0);
             assert_eq!(predictions.unknown, before);
+            let mut some = predictions.unknown(true);
+            some.next();
+            assert!(some.ordered <= REGIONS_PER_REQUEST);
             let mut sorted = before;
             sorted.sort_by(Unknown::by_urgency);
             // A part of them does not disturb the next time.

@@ -7,6 +7,7 @@ use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
+use hrtc_core::contact::query::{Deadline, Limit};
 use hrtc_core::contact::rigid_proxy::ToolAdvance;
 use hrtc_core::contact::tool::{ToolMesh, capsule_mesh};
 
@@ -282,6 +283,51 @@ fn a_tip_on_a_large_fan_comes_along_at_a_small_budget() {
     assert!(unfinished > 20, "{unfinished}");
     // It lies on the cone, but for what the device is pressed into it.
     assert!(behind.x.abs() < 5e-4 && behind.z > -0.002, "{behind}");
+}
+
+/// The time is over when it is asked for.
+struct Over;
+
+impl Deadline for Over {
+    fn is_over(&mut self) -> bool {
+        true
+    }
+}
+
+/// Where every tick is late a tool is sure of little work, less than it takes to place the vertices
+/// that are near: it comes along all the same, and down onto the plate.
+#[test]
+fn a_tool_comes_along_where_every_tick_is_late() {
+    /// What is sure whatever the time, and the work between two questions.
+    const SURE: [u32; 2] = [600, 160];
+    let plate = Front::of_mesh(&plate_mesh(PLATE, 60));
+    let lying = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
+    for (rounds, rings) in [(24, 20), (80, 60)] {
+        let mut hand = GuidedTool::new(capsule_mesh(RADIUS, LENGTH, rounds, rings));
+        let aim = |tick: u32| {
+            let t = f64::from(tick);
+            let along = 1e-5 * (t - 400.0).clamp(0.0, 500.0);
+            let down = (1e-5 * t).min(0.0025);
+            Pose {
+                position: DVec3::new(along, 0.0, RADIUS + 0.002 - down),
+                orientation: lying,
+            }
+        };
+        let mut arrived = None;
+        for tick in 0..4000 {
+            let mut over = Over;
+            let limit = Limit::new(BUDGET, SURE, &mut over);
+            let answer = hand.proxy.advance(plate.surface(), &aim(tick), limit);
+            assert!(answer.spent <= BUDGET);
+            assert!(!hand.meets(&plate), "tick {tick}");
+            let behind = aim(tick).position - hand.proxy.pose().position;
+            if tick > 900 && behind.x.abs() < 1e-5 && behind.z.abs() < 6e-4 {
+                arrived = arrived.or(Some(tick));
+            }
+        }
+        println!("{rounds} by {rings}: along with the device from tick {arrived:?} on");
+        assert!(arrived.is_some());
+    }
 }
 
 /// A rod in a hole that fits closely: thousands of pairs are near all the time, so that their

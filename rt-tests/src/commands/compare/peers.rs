@@ -88,7 +88,7 @@ fn remove_earlier(folder: &Path, tasks: impl Iterator<Item = &'static str>) -> R
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != ErrorKind::NotFound => {
                 return Err(Failure::Input(format!(
-                    "{}: answers of an earlier run cannot be removed ({error}); choose another folder with --export",
+                    "{}: answers of an earlier run cannot be removed ({error}); choose another place with --export",
                     path.display()
                 )));
             }

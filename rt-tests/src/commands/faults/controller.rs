@@ -8,6 +8,7 @@ use crate::processes::mounts::SmallDisk;
 use crate::processes::rights::{SYS_ADMIN, SYS_TIME};
 use crate::processes::surroundings::Surroundings;
 use crate::processes::watched::{Watched, pause};
+use hrtc::recorder::NOT_RECORDED;
 use hrtc_core::Fault;
 use protocol::MAX_CLIENTS;
 use std::ffi::CString;
@@ -20,8 +21,6 @@ const STEP_S: i64 = 3600;
 const IN_CONTACT_S: f64 = 0.3;
 /// Time in which the newest of too many controllers has its say, seconds.
 const SAY_S: f64 = 3.0;
-/// What a controller says once the disk takes no more of its recording.
-const NOT_RECORDED: &str = "ticks are not recorded for now";
 
 /// Whether a small disk can be mounted.
 pub fn can_mount(_: &FaultsArgs) -> Result<(), String> {

@@ -265,7 +265,7 @@ fn words(found: &Faults) -> String {
         "killed      station {} times, controller {} times",
         found.kills.station, found.kills.controller
     );
-    let steps = match found.fronts_compared {
+    let steps = match found.cases.iter().map(|case| case.runs).sum::<u64>() {
         0 => "none in a disturbed run".to_string(),
         _ => format!(
             "{:.2} N a period at most, undisturbed {:.2}; {:.2} N between two ticks, late ones too",

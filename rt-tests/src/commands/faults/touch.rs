@@ -345,6 +345,12 @@ impl Undisturbed {
         if result.contact_ticks == 0 {
             wrong.push("nothing was touched".to_string());
         }
+        if result.contact_unbounded_ticks > 0 {
+            wrong.push(format!(
+                "{} ticks in contact without a certified error",
+                result.contact_unbounded_ticks
+            ));
+        }
         if self.front != Some(result.front_hash) {
             wrong.push("another front at rest than a fresh start's".to_string());
         }

@@ -161,8 +161,10 @@ impl Verdicts {
             *most = most.max(step);
         }
         faults.leaked += touched.left.len() as u64;
-        faults.fronts_compared += 1;
-        self.fronts_apart += u64::from(undisturbed.front != Some(result.front_hash));
+        if let Some(front) = undisturbed.front {
+            faults.fronts_compared += 1;
+            self.fronts_apart += u64::from(front != result.front_hash);
+        }
         let times = touched.resyncs.iter().map(|of| of.synchronised_ms);
         self.resync_ms.extend(times.filter(|&ms| ms >= 0.0));
         let wrong = undisturbed.complaints(touched);

@@ -236,13 +236,19 @@ impl Bench<'_> {
             times.push(result.work_us.p99);
             seen = machine(&result.governor);
             cost.bytes = cost.bytes.max(result.bytes_received as f64);
-            cost.add_errors(result.measured_error_m.max, result.certified_error_m.max);
+            // A contact without a bound keeps no limit.
+            let certified_m = match result.contact_unbounded_ticks {
+                0 => result.certified_error_m.max,
+                _ => f64::NAN,
+            };
+            cost.add_errors(result.measured_error_m.max, certified_m);
             let coarser = result.coarser_ticks as f64 / result.contact_ticks as f64;
             cost.coarser = cost.coarser.max(coarser);
             let memory = (result.cache.high_water_bytes as usize + FIXED_BYTES) as f64;
             cost.memory_bytes = cost.memory_bytes.max(memory);
             cost.evicted = cost.evicted.max(result.cache.evicted);
         }
+        cost.check_finite()?;
         cost.time_us = median(&times);
         Ok(Run {
             cost,

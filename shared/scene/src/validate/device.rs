@@ -339,8 +339,8 @@ mod tests {
             ("inertia_kgm2 = 0.0", 6, "inertia_kgm2 is 0"),
             ("encoder_rad = 2.0", 6, "encoder_rad is 2"),
             // So small that a place is no finite number of steps.
-            ("encoder_rad = 1e-310", 6, "encoder_rad is 0.000"),
-            ("encoder_m = 1e-310", 6, "encoder_m is 0.000"),
+            ("encoder_rad = 1e-310", 6, "encoder_rad is 1e-310"),
+            ("encoder_m = 1e-310", 6, "encoder_m is 1e-310"),
             ("senses = 4", 6, "senses is 4"),
             ("renders = 0", 6, "renders is 0"),
             ("senses = 3, renders = 6", 6, "senses 3"),

@@ -305,7 +305,11 @@ fn magnet(source: &Source, typed: &MagnetTyped, limits: &Limits) -> Result<Effec
     let steepest = stability::steepest(force_n, reach_m);
     let max = limits.stiffness(0.0);
     if steepest > max {
-        let shortest_m = 4.0 * force_n / max;
+        let mut shortest_m = 4.0 * force_n / max;
+        if stability::steepest(force_n, shortest_m) > max {
+            // Rounded down: what is named is to be let in.
+            shortest_m = shortest_m.next_up();
+        }
         let remedy = if shortest_m <= MAX_LENGTH_M {
             format!("write at least {shortest_m}")
         } else {

@@ -102,7 +102,7 @@ fn point(line: &str, before: Option<f64>) -> Result<(f64, Pose), String> {
     }
     if let Some(far) = [x, y, z].into_iter().find(|x| x.abs() > MAX_LENGTH_M) {
         return Err(format!(
-            "{far} m is too far away; write x, y and z in metres, none larger than {MAX_LENGTH_M}"
+            "{far:e} m is too far away; write x, y and z in metres, none larger than {MAX_LENGTH_M}"
         ));
     }
     let pose = Pose::from_wxyz([x, y, z], orientation)

@@ -267,16 +267,17 @@ impl Contacts {
         surface: Surface<'_>,
         (at, anew): (&Placement, bool),
         [near_by, limit]: [f64; 2],
-        work: &mut Limit<'_>,
+        budget: &mut Limit<'_>,
     ) -> (u32, bool) {
-        let most = work.max_work();
+        let most = budget.max_work();
         let first = if anew {
             self.begin_or_go_on(near, at, limit)
         } else {
             0
         };
         let (centre, rotation) = (at.centre, at.rotation());
-        let mut spent = near.vertex_count() / PLACED;
+        let placed = near.vertex_count() / PLACED;
+        let mut spent = placed;
         if spent > most {
             return (0, false);
         }
@@ -285,7 +286,8 @@ impl Contacts {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
-            if spent + PASSED + LOOK > most || work.is_reached(spent) {
+            // Each attempt places the vertices: the time is for what is new.
+            if spent + PASSED + LOOK > most || budget.is_reached(spent - placed) {
                 if let Some(search) = self.search.as_mut().filter(|_| anew) {
                     search.next = Some(k);
                 }

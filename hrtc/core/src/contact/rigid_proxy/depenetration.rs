@@ -151,7 +151,9 @@ impl ToolProxy {
         if self.state == State::Stuck || !self.near.has_partial_collection() {
             self.near.invalidate_all();
         }
-        let clear = !is_held && self.meets(surface, &goal, limit, answer) == Some(false);
+        // What later ticks begin anew ends in this one, whatever the time.
+        let whole = &mut limit.max_work().into();
+        let clear = !is_held && self.meets(surface, &goal, whole, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
             self.device_travel = 0.0;

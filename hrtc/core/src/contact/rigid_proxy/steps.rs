@@ -29,8 +29,9 @@ const AHEAD: f64 = 2.0;
 /// The least part of a step that is made where the budget did not suffice to sweep all of it.
 const MIN_PART: f64 = 0.1;
 /// The part of the budget, one over this, for the pairs of changed faces in an update of the
-/// candidates, and for going through their list; beyond, they are collected again.
+/// candidates; beyond, they are collected again.
 const UPDATE_SHARE: u32 = 8;
+/// The same for going through their list, where steps are to follow.
 const LIST_SHARE: u32 = 2;
 /// Collections per tick that fail for lack of room or budget.
 const MAX_FAILURES: u32 = 3;
@@ -274,7 +275,8 @@ impl ToolProxy {
         answer.spent += swept.spent;
         let went_all = share == 1.0 && swept.share == 1.0;
         let free = answer.contact_count == 0 && went_all;
-        let done = self.make_free_part(&step, &swept, is_known);
+        let is_cut = !swept.is_all && tick.limit.is_out_of_time(answer.spent);
+        let done = self.make_free_part(&step, &swept, is_known && !is_cut);
         if free {
             self.at = self.goal;
         }
@@ -347,7 +349,13 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<usize> {
-        let most = [budget / LIST_SHARE, budget / UPDATE_SHARE];
+        let of_pairs = budget / UPDATE_SHARE;
+        let of_list = if self.near.has_partial_collection() {
+            budget - of_pairs
+        } else {
+            budget / LIST_SHARE
+        };
+        let most = [of_list, of_pairs];
         let changed = mesh_change.changed();
         let updated = changed.map_or(Updated::Unknown, |changed| {
             let (updated, work) = self.near.update(surface, &self.shape, changed, most);
@@ -368,7 +376,8 @@ impl ToolProxy {
 
     /// Invalidates the candidate pairs.
     pub(super) fn invalidate(&mut self) {
-        if self.near.has_partial_collection() || self.has_unfinished_step {
+        let is_unused = self.has_unused_collection || self.has_unfinished_step;
+        if self.near.has_partial_collection() || is_unused {
             // What takes several ticks might never end.
             self.look_ahead.shorten();
         }

@@ -64,8 +64,8 @@ pub fn least_cost(near: &Neighbourhood) -> u32 {
 }
 
 /// The free share of a motion of a placed neighbourhood. Pairs keep a distance of `min_separation`
-/// (model units), or of half their distance if they are nearer already. Once the limit of node pairs
-/// or of time is reached, the remaining pairs are free as far as their separation tells.
+/// (model units), or of half their distance if they are nearer already. Once the limit of node
+/// pairs or of time is reached, the remaining pairs are free as far as their separation tells.
 ///
 /// The pair that seems to stop first is swept first; most others then need no sweep.
 pub fn free_share(
@@ -100,12 +100,14 @@ pub fn free_share(
         min_separation,
         last_direction: DVec3::ZERO,
     };
+    // Each attempt goes through all pairs: the time is for what is new.
+    let passed = swept.spent;
     for &Open { until, now, pair } in open.iter() {
         if until >= swept.share {
             break;
         }
         let parts = limit.max_work().saturating_sub(swept.spent + SWEPT) / PART;
-        if parts == 0 || limit.is_reached(swept.spent) {
+        if parts == 0 || limit.is_reached(swept.spent - passed) {
             swept.is_all = false;
             let room = (now - min_separation).max(0.0) * WITHIN;
             let share = until.max(room / travel);

@@ -265,13 +265,22 @@ impl Report<'_> {
         if r.contact_ticks == 0 {
             return lines;
         }
+        let is_unknown =
+            r.contact_unbounded_ticks == r.contact_ticks && r.expected_error_m.max == 0.0;
+        let expected = if is_unknown {
+            "no expected error at the contact is known".to_string()
+        } else {
+            format!(
+                "expected error at the contact p50 {}, p99 {}, max {}",
+                length(r.expected_error_m.p50),
+                length(r.expected_error_m.p99),
+                length(r.expected_error_m.max)
+            )
+        };
         lines.push(format!(
-            "{} contact tick(s) were coarser than that ({}); expected error at the contact p50 {}, p99 {}, max {}",
+            "{} contact tick(s) were coarser than that ({}); {expected}",
             grouped(r.coarser_ticks),
             percent(r.coarser_ticks, r.contact_ticks),
-            length(r.expected_error_m.p50),
-            length(r.expected_error_m.p99),
-            length(r.expected_error_m.max)
         ));
         if r.finest_tolerance_m.max > r.tolerance_m {
             lines.push(format!(

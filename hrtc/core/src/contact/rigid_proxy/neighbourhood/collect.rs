@@ -125,8 +125,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Halves the margin until a quarter of the room is free; false if that does not suffice. The
-    /// pairs are passed over once for each quarter of the room that was filled.
+    /// Halves the margin until a quarter of the room is free; false if that does not suffice. Each
+    /// halving counts the pairs that would stay; they are moved once.
     fn make_room(&mut self, margin: &mut f64) -> bool {
         for _ in 0..HALVINGS {
             *margin *= 0.5;
@@ -190,8 +190,7 @@ impl Neighbourhood {
             None if self.tube.left() > 0.0 => (self.tube, self.tube.straight_margin(), None),
             None => return (Updated::Unknown, work),
         };
-        let kept = KEPT_FACE * self.faces.len() + self.pairs.len() / KEPT_PAIRS;
-        let of_list = kept as u32 + 2 * self.vertex_count() / PLACED;
+        let of_list = self.list_cost();
         if of_list > most_of_list {
             return (Updated::Unknown, work);
         }
@@ -247,6 +246,12 @@ impl Neighbourhood {
             }
             _ => (Updated::All(kept), work),
         }
+    }
+
+    /// What it costs to go through the list, in node pairs.
+    fn list_cost(&self) -> u32 {
+        let listed = KEPT_FACE * self.faces.len() + self.pairs.len() / KEPT_PAIRS;
+        listed as u32 + 2 * self.vertex_count() / PLACED
     }
 
     /// Drops the pairs of faces that have changed or are gone. Returns how many are left.
@@ -319,37 +324,42 @@ impl Neighbourhood {
         self.clear_until[place] = self.clear_until[pair];
     }
 
-    /// Keeps the first pairs, which hold handles, and indexes their faces anew.
+    /// Keeps the first pairs, which hold handles, and their faces, which are indexed anew.
     fn keep_first(&mut self, kept: usize) {
         self.clear_until.truncate(kept);
         self.pairs.truncate(kept);
+        // The pairs of a face may lie apart: which faces stay is known after all of them.
+        for face in &mut self.faces {
+            face.pairs = 0;
+        }
+        for pair in &self.pairs {
+            // These are the places before.
+            if let Some(place) = self.face_places.find(pair.surface) {
+                self.faces[place as usize].pairs = 1;
+            }
+        }
         self.face_places.clear();
         self.vertex_places.clear();
-        // Pairs and faces are in one order, so that no face is overwritten before it is moved.
-        let (mut from, mut faces) = (0, 0);
-        for k in 0..kept {
-            let handle = self.pairs[k].surface;
-            let (place, is_new) = self.face_places.find_or_add(handle, faces);
-            if is_new {
-                while self.faces[from].face != handle {
-                    from += 1;
-                }
-                let face = self.faces[from];
-                let owns = self.owns_corners(&face, place);
-                let (first_pair, pairs) = (0, 0);
-                self.faces[place as usize] = SurfaceFace {
+        let mut count = 0;
+        for from in 0..self.faces.len() {
+            let face = self.faces[from];
+            if face.pairs > 0 {
+                self.face_places.find_or_add(face.face, count);
+                let owns = self.owns_corners(&face, count);
+                self.faces[count as usize] = SurfaceFace {
                     owns,
-                    first_pair,
-                    pairs,
+                    pairs: 0,
                     ..face
                 };
-                from += 1;
-                faces += 1;
+                count += 1;
             }
+        }
+        self.faces.truncate(count as usize);
+        for k in 0..kept {
+            let (place, _) = self.face_places.find_or_add(self.pairs[k].surface, 0);
             self.pairs[k].surface = place;
             self.count_pair(k, place);
         }
-        self.faces.truncate(faces as usize);
     }
 }
 
@@ -529,6 +539,17 @@ mod tests {
             assert!(matches!(updated, Updated::All(_)));
             check(&near, &mesh);
         }
+        // A face whose pairs lie apart, since an update came amid it, and of which the first go.
+        let first = near.pairs[0];
+        for k in 0..near.pairs.len() {
+            if near.pairs[k].surface == first.surface {
+                near.clear_until[k] = 1.0;
+            }
+        }
+        near.count_pair(near.pairs.len(), first.surface);
+        near.pairs.push(first);
+        near.clear_until.push(0.0);
+        check(&near, &mesh);
         let all = near.pairs.len();
         near.shrink(0.4);
         assert!(!near.pairs.is_empty() && near.pairs.len() < all);
