@@ -17,8 +17,8 @@
 //! ```sh
 //! ve-station keys keys --host 192.168.1.10
 //! ```
-//! It prints the commands that copy each side's keys to `hrtc/keys` in its user's folder of settings
-//! (`~/.config`). Then
+//! It prints the commands that copy each side's keys to `hrtc/keys` in its user's folder of
+//! settings (`~/.config`). Then
 //! ```sh
 //! ve-station serve scene.toml --listen tls/0.0.0.0:7447   # on the station
 //! hrtc run --station tls/192.168.1.10:7447                # on the controller

@@ -6,7 +6,7 @@
 //! features is examined once, by the two faces that own them. A feature within a plane is skipped
 //! if the corners of the plane suffice.
 
-use super::neighbourhood::{MAX_PAIRS, Neighbourhood, SurfaceFace};
+use super::neighbourhood::{MAX_PAIRS, Neighbourhood, PLACED, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
 use crate::contact::motion::{Placement, Twist};
@@ -23,8 +23,6 @@ const SLOPE: f64 = 0.05;
 pub(super) const LOOK: u32 = 5;
 /// Cost of a pair whose separation is computed, in node pairs (measured).
 pub(super) const PASSED: u32 = 1;
-/// Vertices of the tool whose placing costs as much as one node pair (measured).
-pub(super) const PLACED: u32 = 2;
 /// Share of the contact offset that the arcs of a step leave: midway between where contacts act and
 /// where the sweep stops.
 const ARC_FLOOR: f64 = 0.75;

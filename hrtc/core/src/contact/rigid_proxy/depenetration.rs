@@ -8,9 +8,10 @@
 //! whole. Where no such place is known the tool is stuck: it stays, and the next ticks ask for the
 //! device's.
 
-use super::contacts::{PASSED, PLACED};
+use super::contacts::PASSED;
 use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
+use super::neighbourhood::PLACED;
 use super::{State, ToolAdvance, ToolProxy};
 use crate::contact::carried::carried;
 use crate::contact::motion::{Placement, Twist};

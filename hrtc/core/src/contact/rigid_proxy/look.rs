@@ -1,6 +1,7 @@
 //! What a step obeys: contacts, found anew or carried along, and the motion that they allow.
 
-use super::contacts::{LOOK, PASSED, PLACED, ToolContact};
+use super::contacts::{LOOK, PASSED, ToolContact};
+use super::neighbourhood::PLACED;
 use super::projection::{HalfSpace, project};
 use super::steps::TickSteps;
 use super::sweep::{PART, least_cost};

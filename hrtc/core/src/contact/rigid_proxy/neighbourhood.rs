@@ -20,6 +20,8 @@ use geometry::{Aabb, BoxPair};
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
 
+/// Vertices of the tool whose placing costs as much as one node pair (measured).
+pub(super) const PLACED: u32 = 2;
 /// Capacity for pairs of faces.
 pub const MAX_PAIRS: usize = 4096;
 /// Capacity for faces of the surface.

@@ -7,8 +7,8 @@
 //! which the closest points give a better direction. Every placement on the way is safe, so an
 //! early stop is safe too.
 
-use super::contacts::{PASSED, PLACED};
-use super::neighbourhood::{Direction, NearPair, Neighbourhood, apart, reach_along};
+use super::contacts::PASSED;
+use super::neighbourhood::{Direction, NearPair, Neighbourhood, PLACED, apart, reach_along};
 use super::shape::ToolShape;
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::Limit;

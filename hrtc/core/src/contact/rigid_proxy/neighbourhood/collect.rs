@@ -1,9 +1,8 @@
 //! Collection of the candidate pairs, and their update where the surface changed.
 
-use super::super::contacts::PLACED;
 use super::{
-    Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, SurfaceFace,
-    ToolShape, normal_of,
+    Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, PLACED,
+    SurfaceFace, ToolShape, normal_of,
 };
 use crate::contact::query::{Body, Ending, Limit, PairWork, Surface};
 use crate::contact::tool::{RelativePath, Resume, for_each_face_near, for_each_near_pair};
