@@ -381,10 +381,13 @@ mod tests {
         assert!(made.unwrap().success());
         let frame = 1 << 20;
         let pipe = first.clone();
-        // It reads one frame, and closes the pipe before the next.
+        let (release, released) = std::sync::mpsc::channel::<()>();
+        // It reads one frame once all wait, and closes the pipe before the next.
         let reader = std::thread::spawn(move || {
             let mut bytes = vec![0; frame];
-            File::open(pipe).unwrap().read_exact(&mut bytes).unwrap();
+            let mut pipe = File::open(pipe).unwrap();
+            let _ = released.recv();
+            pipe.read_exact(&mut bytes).unwrap();
         });
         let disk = Disk::start(RecordingPlace {
             first,
@@ -396,6 +399,7 @@ mod tests {
         for tick in [0, 100, 200, 300] {
             assert!(disk.write(vec![0; frame], tick));
         }
+        drop(release);
         reader.join().unwrap();
         disk.wait(Duration::from_secs(10));
         assert!(disk.failure().is_some());

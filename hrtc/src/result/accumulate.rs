@@ -184,7 +184,10 @@ impl Accumulator {
                 self.expected.push(core.contact_tolerance_m);
             }
             result.depth_m_max = max_or_nan(result.depth_m_max, core.depth_m);
-            self.withheld.push(core.force_withheld);
+            // The soft end of a run withholds all of it, as it should.
+            if !core.stopping {
+                self.withheld.push(core.force_withheld);
+            }
         }
         // Negative: none arrived.
         if core.measured_error_m >= 0.0 || core.measured_error_m.is_nan() {

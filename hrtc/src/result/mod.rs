@@ -295,8 +295,9 @@ pub struct RunResult {
     pub idle_us: Spread,
     /// Force of each probe over its ticks in contact, newtons.
     pub force_n: ShortSpread,
-    /// Share of the wanted force of a contact that was not rendered, over the ticks in contact: not
-    /// paid for where a contact is found late, or withheld by energy account or limits.
+    /// Share of the wanted force of a contact that was not rendered, over the ticks in contact but
+    /// for the soft end of a run: not paid for where a contact is found late, or withheld by energy
+    /// account or limits.
     #[serde(default)]
     pub force_withheld: ShortSpread,
     /// Most force that was allowed, newtons: by the scene, the device and the command line.

@@ -243,6 +243,9 @@ fn the_contact_is_accounted_from_its_first_tick() {
             ready: tick >= 2,
             energy_j: -0.5,
             vsplits: 3,
+            // The last tick is of the soft end.
+            stopping: tick == 9,
+            force_withheld: if tick == 9 { 1.0 } else { 0.25 },
             replay_hash: u64::MAX,
             cache_bytes: 1000 - tick,
             ..record.core
@@ -274,6 +277,7 @@ fn the_contact_is_accounted_from_its_first_tick() {
     assert!((result.measured_error_m.max - 2e-5).abs() < 1e-12);
     assert!((result.certified_error_m.max - 9e-4).abs() < 1e-12);
     assert!((result.expected_error_m.max - 9e-4).abs() < 1e-12);
+    assert!((result.force_withheld.max - 0.25).abs() < 1e-5);
     assert_eq!(result.force_step_n_max, 2.0);
     assert!((result.force_n.p50 - 2.0).abs() < 2e-3);
     assert_eq!(result.energy_j, -0.5);

@@ -39,6 +39,12 @@ impl<'a> Limit<'a> {
         self.max_work
     }
 
+    /// So much was done that is no part of what is done in any case.
+    pub fn begin_after(&mut self, done: u32) {
+        self.floor = self.floor.saturating_add(done);
+        self.asks_at = self.asks_at.saturating_add(done);
+    }
+
     /// The limit of a part, of another amount of work, that begins when so much is done.
     pub fn part(&mut self, done: u32, max_work: u32) -> Limit<'_> {
         let floor = self.floor.saturating_sub(done);
@@ -119,5 +125,11 @@ mod tests {
         assert!(limit.part(5, 50).is_out_of_time(15));
         assert_eq!(limit.part(5, 50).max_work(), 50);
         assert!(limit.part(5, 12).is_reached(12));
+        let mut deadline = After(0);
+        let mut limit = Limit::new(100, [20, 10], &mut deadline);
+        limit.begin_after(7);
+        assert!(!limit.is_reached(26) && !limit.is_out_of_time(26));
+        assert!(!limit.part(7, 50).is_out_of_time(19) && limit.part(7, 50).is_out_of_time(20));
+        assert!(limit.is_reached(27) && limit.is_out_of_time(27));
     }
 }

@@ -10,7 +10,7 @@ use super::neighbourhood::{MAX_PAIRS, Neighbourhood, PLACED, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ToolShape};
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Limit, Surface};
+use crate::contact::query::Surface;
 use geometry::closest_point_on_triangle;
 use glam::{DMat3, DQuat, DVec3};
 use spm::{Handle, NONE};
@@ -257,7 +257,7 @@ impl Contacts {
     /// Collects the local minima below `limit`, among faces within `near_by` at the tool's
     /// placement or at the end of its motion. `anew`: for a new step; otherwise only pairs not
     /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
-    /// and false if that or the time reached its limit before the end.
+    /// and false if `most` was spent before the end.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
@@ -265,17 +265,15 @@ impl Contacts {
         surface: Surface<'_>,
         (at, anew): (&Placement, bool),
         [near_by, limit]: [f64; 2],
-        budget: &mut Limit<'_>,
+        most: u32,
     ) -> (u32, bool) {
-        let most = budget.max_work();
         let first = if anew {
             self.begin_or_go_on(near, at, limit)
         } else {
             0
         };
         let (centre, rotation) = (at.centre, at.rotation());
-        let placed = near.vertex_count() / PLACED;
-        let mut spent = placed;
+        let mut spent = near.vertex_count() / PLACED;
         if spent > most {
             return (0, false);
         }
@@ -284,8 +282,7 @@ impl Contacts {
             if self.is_looked[k] || near.is_known_beyond(k, limit) {
                 continue;
             }
-            // Each attempt places the vertices: the time is for what is new.
-            if spent + PASSED + LOOK > most || budget.is_reached(spent - placed) {
+            if spent + PASSED + LOOK > most {
                 if let Some(search) = self.search.as_mut().filter(|_| anew) {
                     search.next = Some(k);
                 }

@@ -15,7 +15,7 @@ use super::neighbourhood::PLACED;
 use super::{State, ToolAdvance, ToolProxy};
 use crate::contact::carried::carried;
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Body, Ending, Limit, Surface, swept_sphere_budget};
+use crate::contact::query::{Body, Ending, Surface, swept_sphere_budget};
 use crate::contact::tool::{RelativePath, for_each_face_near};
 use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Similarity, triangle_pair};
@@ -70,7 +70,7 @@ impl ToolProxy {
         &self,
         surface: Surface<'_>,
         there: &Placement,
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         if *there == self.at && self.carried_anchor.is_none() {
@@ -79,7 +79,7 @@ impl ToolProxy {
         let [start, end] = [self.anchor(), self.anchor_at(there)];
         let by_centre = [start, self.at.centre, there.centre, end];
         for path in [&[start, end][..], &by_centre] {
-            if self.is_free(surface, path, limit, answer)? {
+            if self.is_free(surface, path, budget, answer)? {
                 return Some(true);
             }
         }
@@ -92,13 +92,13 @@ impl ToolProxy {
         &self,
         surface: Surface<'_>,
         path: &[DVec3],
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let radius = ANCHOR_RADIUS * self.static_offset();
         for ends in path.windows(2) {
             let motion = ends[1] - ends[0];
-            let most = limit.max_work().saturating_sub(answer.spent) / PAIRS_A_UNIT;
+            let most = budget.saturating_sub(answer.spent) / PAIRS_A_UNIT;
             let (hit, free, work) = swept_sphere_budget(surface, (ends[0], motion), radius, most);
             answer.spent += PAIRS_A_UNIT * (work.nodes + work.faces);
             match hit {
@@ -115,12 +115,12 @@ impl ToolProxy {
     pub(super) fn begin_where_placed(
         &mut self,
         surface: Surface<'_>,
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> bool {
         let start = self.at;
         let was_known = self.near.tube.left() > 0.0;
-        let is_met = self.meets(surface, &start, limit, answer);
+        let is_met = self.meets(surface, &start, budget, answer);
         if is_met == Some(false) {
             self.come_out_at(&start);
             self.contacts.clear();
@@ -141,20 +141,18 @@ impl ToolProxy {
     pub(super) fn jump_when_clear(
         &mut self,
         surface: Surface<'_>,
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) {
         let goal = self.goal;
-        let is_held =
-            self.state == State::Stuck && self.reaches(surface, &goal, limit, answer) != Some(true);
+        let is_held = self.state == State::Stuck
+            && self.reaches(surface, &goal, budget, answer) != Some(true);
         // A collection that the last tick began is gone on with while the device rests. Around a
         // tool that is stuck elsewhere, changes would not be noted.
         if self.state == State::Stuck || !self.near.has_partial_collection() {
             self.near.invalidate_all();
         }
-        // What later ticks begin anew ends in this one, whatever the time.
-        let whole = &mut limit.max_work().into();
-        let clear = !is_held && self.meets(surface, &goal, whole, answer) == Some(false);
+        let clear = !is_held && self.meets(surface, &goal, budget, answer) == Some(false);
         if clear || self.state == State::Inside {
             self.at = goal;
             self.device_travel = 0.0;
@@ -176,7 +174,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         (mesh_change, first_changed): (&MeshChange, Option<usize>),
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
@@ -186,13 +184,15 @@ impl ToolProxy {
                 // Not only what changed where an earlier tick could not decide.
                 let first = |first| if mesh_change.is_undecided() { 0 } else { first };
                 let is_met = match first_changed.map(first) {
-                    Some(first) => self.meets_candidates(first, &here, limit, answer),
+                    Some(first) => self.meets_candidates(first, &here, budget, answer),
                     // It met other faces, too.
-                    None if self.state == State::Stuck => self.meets(surface, &here, limit, answer),
-                    None => self.meets_what_changed(surface, mesh_change, limit, answer),
+                    None if self.state == State::Stuck => {
+                        self.meets(surface, &here, budget, answer)
+                    }
+                    None => self.meets_what_changed(surface, mesh_change, budget, answer),
                 };
                 let is_out = match is_met {
-                    Some(false) => self.reaches(surface, &here, limit, answer),
+                    Some(false) => self.reaches(surface, &here, budget, answer),
                     Some(true) => Some(false),
                     None => None,
                 };
@@ -210,7 +210,7 @@ impl ToolProxy {
                 }
             }
         };
-        self.escape(surface, (mesh_change, tried), limit, answer)
+        self.escape(surface, (mesh_change, tried), budget, answer)
     }
 
     /// The side on which the tool belongs: that of its contacts, else where the surface has carried
@@ -230,7 +230,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         (mesh_change, tried): (&MeshChange, EscapesTried),
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
@@ -242,11 +242,11 @@ impl ToolProxy {
                 ..here
             };
             let path = here.to(&out);
-            let is_held = match self.reaches(surface, &out, limit, answer) {
+            let is_held = match self.reaches(surface, &out, budget, answer) {
                 Some(true) if self.near.tube.covers(&here, &path, 0.0) => {
-                    self.meets_candidates(0, &out, limit, answer)
+                    self.meets_candidates(0, &out, budget, answer)
                 }
-                Some(true) => self.meets(surface, &out, limit, answer),
+                Some(true) => self.meets(surface, &out, budget, answer),
                 other => other.map(|reaches| !reaches),
             };
             match is_held {
@@ -280,17 +280,17 @@ impl ToolProxy {
         &mut self,
         first: usize,
         at: &Placement,
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let placed = self.near.vertex_count() / PLACED;
-        if answer.spent + placed > limit.max_work() {
+        if answer.spent + placed > budget {
             return answer.run_out();
         }
         answer.spent += placed;
         self.near.place(&self.shape, at);
         for pair in &self.near.pairs[first..] {
-            if answer.spent + PASSED + TESTED > limit.max_work() {
+            if answer.spent + PASSED + TESTED > budget {
                 return answer.run_out();
             }
             answer.spent += PASSED;
@@ -314,7 +314,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         mesh_change: &MeshChange,
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
@@ -322,13 +322,13 @@ impl ToolProxy {
             .changed()
             .filter(|_| !mesh_change.is_undecided());
         let (Some(changed), Some(to_query)) = (changed, to_query) else {
-            return self.meets(surface, &here, limit, answer);
+            return self.meets(surface, &here, budget, answer);
         };
         let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
         let mut is_met = false;
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
             let corners = surface.corners(face);
-            let limits = [limit.max_work().saturating_sub(answer.spent), TESTED];
+            let limits = [budget.saturating_sub(answer.spent), TESTED];
             let meets = |own| {
                 let corners_of_tool = self
                     .tool
@@ -360,7 +360,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         at: &Placement,
-        limit: &mut Limit<'_>,
+        budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let still = Twist::default();
@@ -368,13 +368,10 @@ impl ToolProxy {
         if !self.near.tube.covers(at, &still, 0.0) {
             let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
             // What the candidates cost, too, once they are known.
-            let most = limit.max_work().saturating_sub(answer.spent) / 2;
-            let (ending, work) = self.near.collect(
-                surface,
-                &self.shape,
-                tube,
-                &mut limit.part(answer.spent, most),
-            );
+            let most = budget.saturating_sub(answer.spent) / 2;
+            let (ending, work) = self
+                .near
+                .collect(surface, &self.shape, tube, &mut most.into());
             answer.work.add(work);
             answer.spent += work.cost();
             if self.near.tube.left() <= 0.0 {
@@ -385,6 +382,6 @@ impl ToolProxy {
                 return None;
             }
         }
-        self.meets_candidates(0, at, limit, answer)
+        self.meets_candidates(0, at, budget, answer)
     }
 }

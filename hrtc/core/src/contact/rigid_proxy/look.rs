@@ -159,9 +159,7 @@ impl ToolProxy {
                 tick.surface,
                 (&self.at, looks == 1),
                 [offset + most.min(look_around), offset + most],
-                &mut tick
-                    .limit
-                    .part(answer.spent, budget.saturating_sub(answer.spent)),
+                budget.saturating_sub(answer.spent),
             );
             answer.spent += cost;
             if !is_all && looks == 1 {

@@ -436,17 +436,14 @@ impl ToolProxy {
         if mesh_change.is_there() {
             let first_changed = if mesh_change.is_new() {
                 self.escapes_tried = None;
-                self.update(surface, &mesh_change, budget, &mut answer)
+                let first_changed = self.update(surface, &mesh_change, budget, &mut answer);
+                limit.begin_after(answer.spent);
+                first_changed
             } else {
                 None
             };
             if (mesh_change.may_have_met() || self.carried_anchor.is_some())
-                && !self.depenetrate(
-                    surface,
-                    (&mesh_change, first_changed),
-                    &mut limit,
-                    &mut answer,
-                )
+                && !self.depenetrate(surface, (&mesh_change, first_changed), budget, &mut answer)
             {
                 // The proxy stays until a tick can decide.
                 self.mesh_change = mesh_change.kept();
@@ -462,7 +459,7 @@ impl ToolProxy {
         }
         answer.is_stuck = self.state == State::Stuck;
         let is_placed_anew = self.state == State::Inside && self.is_placed_anew;
-        if is_placed_anew && !self.begin_where_placed(surface, &mut limit, &mut answer) {
+        if is_placed_anew && !self.begin_where_placed(surface, budget, &mut answer) {
             // No force until then.
             self.coupling_target = self.goal;
             return answer;
@@ -474,7 +471,7 @@ impl ToolProxy {
                 self.limit_change(&motion);
             }
             _ => {
-                self.jump_when_clear(surface, &mut limit, &mut answer);
+                self.jump_when_clear(surface, budget, &mut answer);
                 self.coupling_target = self.at;
                 self.limit_change(&motion);
             }

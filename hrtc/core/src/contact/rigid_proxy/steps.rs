@@ -73,7 +73,7 @@ pub(super) struct TickSteps<'a> {
     /// Contact offset, model units.
     pub(super) offset: f64,
     pub(super) budget: u32,
-    pub(super) limit: Limit<'a>,
+    limit: Limit<'a>,
     has_collected: bool,
     failures: u32,
     needs_candidates: bool,
@@ -268,15 +268,12 @@ impl ToolProxy {
             &self.shape,
             (&self.at, &step),
             MIN_SEPARATION * offset,
-            &mut tick
-                .limit
-                .part(answer.spent, tick.budget.saturating_sub(answer.spent)),
+            tick.budget.saturating_sub(answer.spent),
         );
         answer.spent += swept.spent;
         let went_all = share == 1.0 && swept.share == 1.0;
         let free = answer.contact_count == 0 && went_all;
-        let is_cut = !swept.is_all && tick.limit.is_out_of_time(answer.spent);
-        let done = self.make_free_part(&step, &swept, is_known && !is_cut);
+        let done = self.make_free_part(&step, &swept, is_known);
         if free {
             self.at = self.goal;
         }

@@ -11,7 +11,6 @@ use super::contacts::PASSED;
 use super::neighbourhood::{Direction, NearPair, Neighbourhood, PLACED, apart, reach_along};
 use super::shape::ToolShape;
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::Limit;
 use geometry::closest_points_of_triangles;
 use glam::{DMat3, DVec3};
 
@@ -64,8 +63,8 @@ pub fn least_cost(near: &Neighbourhood) -> u32 {
 }
 
 /// The free share of a motion of a placed neighbourhood. Pairs keep a distance of `min_separation`
-/// (model units), or of half their distance if they are nearer already. Once the limit of node
-/// pairs or of time is reached, the remaining pairs are free as far as their separation tells.
+/// (model units), or of half their distance if they are nearer already. If `most` node pairs are
+/// spent, the remaining pairs are free as far as their separation tells.
 ///
 /// The pair that seems to stop first is swept first; most others then need no sweep.
 pub fn free_share(
@@ -74,7 +73,7 @@ pub fn free_share(
     shape: &ToolShape,
     (start, motion): (&Placement, &Twist),
     min_separation: f64,
-    limit: &mut Limit<'_>,
+    most: u32,
 ) -> Swept {
     let mut swept = Swept {
         share: 1.0,
@@ -100,14 +99,12 @@ pub fn free_share(
         min_separation,
         last_direction: DVec3::ZERO,
     };
-    // Each attempt goes through all pairs: the time is for what is new.
-    let passed = swept.spent;
     for &Open { until, now, pair } in open.iter() {
         if until >= swept.share {
             break;
         }
-        let parts = limit.max_work().saturating_sub(swept.spent + SWEPT) / PART;
-        if parts == 0 || limit.is_reached(swept.spent - passed) {
+        let parts = most.saturating_sub(swept.spent + SWEPT) / PART;
+        if parts == 0 {
             swept.is_all = false;
             let room = (now - min_separation).max(0.0) * WITHIN;
             let share = until.max(room / travel);
