@@ -260,7 +260,8 @@ fn remove_remains(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
             .and_then(|rest| rest.strip_prefix('-')?.strip_suffix(".spm"));
         let is_old = version.is_some_and(is_version) && path != keep;
         if is_old || name.starts_with(spm_builder::TEMPORARY_PREFIX) {
-            fs::remove_file(&path)?;
+            // Another user's, or gone meanwhile: it is only room.
+            let _ = fs::remove_file(&path);
         }
     }
     Ok(())

@@ -117,7 +117,11 @@ impl Viewer {
         let mut paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
         paths.find(|path| {
             let name = path.file_name().unwrap_or_default().to_string_lossy();
-            let is_ours = name.starts_with(&self.prefix) && name.ends_with(".mcap");
+            // Not of a scene whose name begins with that of this one.
+            let rest = name.strip_prefix(&self.prefix);
+            let rest = rest.and_then(|rest| rest.strip_suffix(".mcap"));
+            let is_number = |c: char| c.is_ascii_digit() || c == '-';
+            let is_ours = rest.is_some_and(|rest| rest.chars().all(is_number));
             is_ours && !self.seen.contains(path) && is_written(path)
         })
     }
@@ -183,6 +187,7 @@ mod tests {
             }
         };
         let _other = write("other-1.mcap");
+        let _longer = write("touch-more-4-5.mcap");
         drop(write("touch-1.mcap"));
         look(&mut viewer);
         assert!(!noted.exists(), "one of another scene, one that is over");

@@ -130,6 +130,9 @@ impl Bench<'_> {
         let started = controllers.into_iter().enumerate().map(start);
         let mut controllers = started.collect::<Result<Vec<_>, _>>()?;
         self.disturb(relay, &mut controllers, guests);
+        if is_set(self.stop) {
+            controllers.iter_mut().for_each(|of| of.process.terminate());
+        }
         let rows = controllers.iter_mut().enumerate();
         let rows = rows.map(|(number, controller)| self.row_of(number, controller));
         let rows: Result<Vec<Row>, String> = rows.collect();
@@ -155,7 +158,14 @@ impl Bench<'_> {
         row.links_made = links_made(controller);
         row.has_damaged_chunk = controller.has_said(DAMAGED);
         let soft_start_ticks = (self.soft_start_s * self.rate_hz).ceil() as u64;
-        row.recorded = Recorded::read(&self.recording(number), soft_start_ticks)?;
+        let first = self.recording(number);
+        if first.exists() {
+            row.recorded = Recorded::read(&first, soft_start_ticks)?;
+        } else {
+            row.faults.push(
+                "its recording is longer than [record] keep of the scene: its forces are not compared".to_string(),
+            );
+        }
         Ok(row)
     }
 

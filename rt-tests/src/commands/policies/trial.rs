@@ -131,8 +131,8 @@ pub struct Sums {
     contact_s: f64,
 }
 
-/// The tolerance in contact before, and whether its last change was upwards.
-type Course = Option<(f64, bool)>;
+/// The tolerance in contact before, and whether its last change was upwards, if there was one.
+type Course = Option<(f64, Option<bool>)>;
 
 impl Sums {
     /// Adds a run; whether it was not stopped before its end.
@@ -218,14 +218,14 @@ impl Sums {
 /// Whether a tolerance turns round; the first change is no turn.
 fn turns(course: &mut Course, now: f64) -> bool {
     let Some((last, rose)) = *course else {
-        *course = Some((now, true));
+        *course = Some((now, None));
         return false;
     };
     if now == last {
         return false;
     }
-    *course = Some((now, now > last));
-    rose != (now > last)
+    *course = Some((now, Some(now > last)));
+    rose == Some(now < last)
 }
 
 /// Longest side of each object, metres.
@@ -268,6 +268,10 @@ mod tests {
         let turned = tolerances.map(|now| turns(&mut course, now));
         let places = turned.iter().enumerate().filter(|(_, of)| **of);
         assert_eq!(places.map(|(k, _)| k).collect::<Vec<_>>(), [5, 8]);
+        // The first change is none, wherever it goes.
+        let mut course = None;
+        let turned = [2e-4, 1e-4, 0.0, 1e-4].map(|now| turns(&mut course, now));
+        assert_eq!(turned, [false, false, false, true]);
     }
 
     #[test]

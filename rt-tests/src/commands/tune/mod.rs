@@ -257,6 +257,10 @@ impl<'a> Search<'a> {
     fn of_error(&mut self, error_m: f64) -> Result<f64, Failure> {
         let kept = |cost: &Cost| cost.error_m * MARGIN <= error_m;
         let full = self.simulate(0.0)?;
+        if !kept(&full) && full.error_m <= error_m {
+            // There is nothing finer: the run decides.
+            return Ok(0.0);
+        }
         if !kept(&full) {
             return Err(Failure::Run(format!(
                 "even where the full mesh is asked for, a contact was {} away from it ({:.0} % of the ticks in contact had \
@@ -275,17 +279,23 @@ impl<'a> Search<'a> {
 
     /// The finest tolerance that keeps a cost.
     fn of_cost(&mut self, limit: &Limit) -> Result<f64, Failure> {
-        if limit.is_kept(self, 0.0)? {
+        if limit.is_kept(self, 0.0, MARGIN)? {
             return Ok(0.0);
         }
         let dial = self.dial;
-        if !limit.is_kept(self, dial.1)? {
+        if !limit.is_kept(self, dial.1, MARGIN)? {
+            if limit.is_kept(self, dial.1, 1.0)? {
+                // There is nothing coarser: the run decides.
+                return Ok(dial.1);
+            }
             return Err(Failure::Run(format!(
                 "not even the base mesh keeps {}; ask for less",
                 limit.name()
             )));
         }
-        let (_, high) = edge(dial, &mut |tolerance| Ok(!limit.is_kept(self, tolerance)?))?;
+        let (_, high) = edge(dial, &mut |tolerance| {
+            Ok(!limit.is_kept(self, tolerance, MARGIN)?)
+        })?;
         Ok(high)
     }
 
@@ -443,10 +453,16 @@ impl Limit {
         }
     }
 
-    fn is_kept(&self, search: &mut Search<'_>, tolerance: f64) -> Result<bool, Failure> {
+    /// Whether a tolerance keeps it, with a margin.
+    fn is_kept(
+        &self,
+        search: &mut Search<'_>,
+        tolerance: f64,
+        margin: f64,
+    ) -> Result<bool, Failure> {
         Ok(match self {
-            Self::Time(us) => search.tick_us(tolerance)? * search.loop_over_tick * MARGIN <= *us,
-            Self::Bytes(bytes) => search.simulate(tolerance)?.bytes * MARGIN <= *bytes,
+            Self::Time(us) => search.tick_us(tolerance)? * search.loop_over_tick * margin <= *us,
+            Self::Bytes(bytes) => search.simulate(tolerance)?.bytes * margin <= *bytes,
             Self::Memory => {
                 let cost = search.simulate(tolerance)?;
                 let room = std::mem::replace(&mut search.cache_bytes, AMPLE_BYTES);

@@ -3,7 +3,7 @@
 use super::trial::{Cost, Settings};
 use super::{Asked, Tuned};
 use crate::report::units::{bytes, digits, length};
-use scene::{RefinementPlan, ScenePlan};
+use scene::{PolicyPlan, RefinementPlan, ScenePlan};
 use std::fmt::Write as _;
 
 /// The tables `accuracy` and `cache` of a scene with the settings; they replace those of the scene.
@@ -13,11 +13,24 @@ pub fn fragment(plan: &ScenePlan, settings: Settings) -> String {
         RefinementPlan::Local => "local",
         RefinementPlan::Global { .. } => "global",
     };
+    let policy = match (plan.accuracy.refinement, plan.accuracy.policy) {
+        (RefinementPlan::Local, PolicyPlan::Reactive) => "policy = \"reactive\"\n",
+        _ => "",
+    };
     // A float in TOML has a point or an exponent.
-    format!(
-        "[accuracy]\ntolerance_m = {:?}\nrefinement = \"{refinement}\"\ngeomorph = {}\n\n[cache]\nbytes = {}\n",
+    let mut text = format!(
+        "[accuracy]\ntolerance_m = {:?}\nrefinement = \"{refinement}\"\ngeomorph = {}\n{policy}\n[cache]\nbytes = {}\n",
         settings.tolerance_m, plan.accuracy.geomorph, settings.cache_bytes
-    )
+    );
+    let changes = plan.cache_changes.iter();
+    for change in changes.filter(|change| change.bytes <= settings.cache_bytes) {
+        let _ = write!(
+            text,
+            "\n[[cache.change]]\nat_s = {:?}\nbytes = {}\n",
+            change.at_s, change.bytes
+        );
+    }
+    text
 }
 
 /// What was asked for or found, in words.
@@ -104,8 +117,10 @@ mod tests {
 
     #[test]
     fn the_fragment_loads_as_printed_and_says_the_settings() {
-        let with = "[accuracy]\nrefinement = \"global\"\ngeomorph = false\n";
-        for before in [plan(REST), plan(&format!("{with}{REST}"))] {
+        let global = "[accuracy]\nrefinement = \"global\"\ngeomorph = false\n";
+        let reactive =
+            "[accuracy]\npolicy = \"reactive\"\n[[cache.change]]\nat_s = 2.0\nbytes = \"4MiB\"\n";
+        for before in ["", global, reactive].map(|with| plan(&format!("{with}{REST}"))) {
             for tolerance_m in [0.0, 1.23e-7, 2e-3] {
                 let settings = Settings {
                     tolerance_m,
@@ -116,6 +131,8 @@ mod tests {
                 assert_eq!(after.cache_bytes, 5 << 20);
                 assert_eq!(after.accuracy.refinement, before.accuracy.refinement);
                 assert_eq!(after.accuracy.geomorph, before.accuracy.geomorph);
+                assert_eq!(after.accuracy.policy, before.accuracy.policy);
+                assert_eq!(after.cache_changes, before.cache_changes);
             }
         }
     }

@@ -26,7 +26,7 @@ pub fn words(found: &Zwidth) -> String {
         found.delay_ticks
     );
     let at_least = |k_max: f64, theory: f64| {
-        if k_max >= 0.99 * MAX_WITH_ACCOUNT * theory {
+        if theory > 0.0 && k_max >= 0.99 * MAX_WITH_ACCOUNT * theory {
             "at least "
         } else {
             ""
