@@ -19,9 +19,9 @@
 //! share, such as the split of a vertex with a very large fan, is not begun.
 //!
 //! Single ticks take longer than their work should, by an interrupt or a cold cache. So the core
-//! asks its shell, between splits and between the pieces of a query, whether the time of the tick
-//! is over ([`crate::Timed`]), and ends as at the end of a budget. The answers are inputs, and
-//! recorded.
+//! asks its shell, between splits, steps of geomorphs and pieces of a query, whether the time of
+//! the tick is over ([`crate::Timed`]), and ends as at the end of a budget. The answers are inputs,
+//! and recorded.
 //!
 //! Where the surface under a probe has so many faces that touching it takes more than a tick has,
 //! again and again, the finest ring is raised too: by the steps of memory pressure (`Steps`), since

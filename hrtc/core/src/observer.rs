@@ -26,7 +26,7 @@ pub enum Stage {
 /// Kinds of work that end where the time of a tick is over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Timed {
-    /// Received data, splits and collapses: by half of the period.
+    /// Received data, splits, collapses and steps of geomorphs: by half of the period.
     Refinement,
     /// Steps and searches of the proxies: by six tenths of it.
     Contact,
