@@ -38,9 +38,12 @@
 //!
 //! # Fading
 //!
-//! Where U is above the energy A taken in, the force fades towards `√(A / U)` of itself while the
-//! device moves away, and returns later. Each change is at most the perception limit of a tick; the
-//! fading is also at most `W / U` in a tick.
+//! Where U is above the energy A taken in, the force fades towards `A / U` of itself while the
+//! device moves away: at this share both are used up together. It returns later. Each change is at
+//! most the perception limit of a tick; the fading is also at most `W / U` in a tick. While the
+//! device presses on, the force returns the slower the less is paid for, by `A / U` of that limit
+//! (at least with [`UNPAID_RETURNS_S`], so that it returns at all): what returns must fade again at
+//! the next turn, and a hand that trembles would feel the force come and go.
 //!
 //! Work that no spring gives back, as of a force that is shaded, would empty the account and end
 //! the force at once. It fades before: what such work takes in a period is at most half of the
@@ -70,7 +73,8 @@ use super::device_motion::DeviceMotion;
 use crate::contact::motion::rotation_vector;
 use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
 use crate::tuning::force::{
-    EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, VELOCITY_WINDOW_S,
+    EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, UNPAID_RETURNS_S,
+    VELOCITY_WINDOW_S,
 };
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
@@ -286,10 +290,16 @@ impl EnergyAccount {
         let before = self.paid;
         let step_share = STEP_SHARE_PER_S * self.period_s;
         let imperceptible = (step_share * before).max(STEP_N_PER_S * self.period_s / size);
-        self.fade(work, spring.stored_j, moves_away, imperceptible);
-        let leak = self.leak(work, spring.stored_j);
+        // Two encoder steps of error in the balance are tolerated.
+        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
+        let tolerated_j = 2.0 * steps;
         // Over a moving surface facets rise and fall under a device that is held.
-        if moves_away && leak > 0.0 && ahead == CarriedWork::default() {
+        let surface_rests = ahead == CarriedWork::default();
+        let presses = work < 0.0 && surface_rests;
+        let energies = [spring.stored_j, tolerated_j];
+        self.fade(work, energies, [moves_away, presses], imperceptible);
+        let leak = self.leak(work, spring.stored_j);
+        if moves_away && leak > 0.0 && surface_rests {
             let due = LEAK_SHARE * step_share * taken_in.max(0.0) / leak;
             self.paid = self.paid.min(due.max(before - imperceptible));
         }
@@ -313,9 +323,7 @@ impl EnergyAccount {
         };
         // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
-        // Two encoder steps of error in the balance are tolerated.
-        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
-        let unpaid = spring.stored_j - taken_in - 2.0 * steps;
+        let unpaid = spring.stored_j - taken_in - tolerated_j;
         let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
         let taken_in = taken_in.max(0.0);
         // At a share s the force does the work s W, and s² of its fall's or less while it falls.
@@ -326,18 +334,32 @@ impl EnergyAccount {
     }
 
     /// The paid share fades, or returns, by no more than is `imperceptible`. `work`: of the force
-    /// in the coming period.
-    fn fade(&mut self, work: f64, stored_j: f64, moves_away: bool, imperceptible: f64) {
-        let taken_in = (self.raised_j - self.contact_joules).max(0.0);
-        let due = if moves_away && stored_j > taken_in {
-            (taken_in / stored_j).sqrt()
+    /// in the coming period. `tolerated_j`: error of the balance. `presses`: whether the device
+    /// presses on.
+    fn fade(
+        &mut self,
+        work: f64,
+        [stored_j, tolerated_j]: [f64; 2],
+        [moves_away, presses]: [bool; 2],
+        imperceptible: f64,
+    ) {
+        let taken_in = (self.raised_j - self.contact_joules + tolerated_j).max(0.0);
+        // Not a number without a spring: all is paid for.
+        let paid_for = (taken_in / stored_j).min(1.0);
+        if moves_away && paid_for < self.paid {
+            // No faster than the device takes energy out of the spring.
+            let fades = imperceptible.min(work.max(0.0) / stored_j);
+            self.paid = paid_for.max(self.paid - fades);
+            return;
+        }
+        let missing = 1.0 - self.paid;
+        let returns = if presses {
+            let slowest = missing * self.period_s / (UNPAID_RETURNS_S + self.period_s);
+            (imperceptible * paid_for).max(slowest)
         } else {
-            1.0
+            imperceptible
         };
-        // No faster than the device takes energy out of the spring.
-        let fades = imperceptible.min(work.max(0.0) / stored_j);
-        let slowest = self.paid - fades;
-        self.paid = due.max(slowest).min(self.paid + imperceptible).min(1.0);
+        self.paid += returns.min(missing);
     }
 
     /// Of the work in the coming period, what no spring gives back: it is expected to give as much
