@@ -9,6 +9,7 @@
 //! not matter, and a motion that keeps the pair separated along it is free.
 
 mod collect;
+mod face_pair;
 
 use super::look_ahead_tube::LookAheadTube;
 use super::shape::{ToolShape, is_flat};
@@ -16,6 +17,7 @@ use crate::contact::motion::{Placement, Twist};
 use crate::contact::tool::RelativePath;
 use collect::PartialCollection;
 pub(super) use collect::Updated;
+use face_pair::TurnedFaces;
 use geometry::{Aabb, BoxPair};
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
@@ -197,6 +199,9 @@ pub struct Neighbourhood {
     /// The tool's axes now and at the end of the motion.
     rotation: DMat3,
     end_rotation: DMat3,
+    /// What a collection computes once per face of the tool: no part of the state.
+    #[serde(skip)]
+    turned: TurnedFaces,
     /// The tube for which the pairs are known, and the surface's path as seen from the tool.
     pub tube: LookAheadTube,
     path: RelativePath,
@@ -226,6 +231,7 @@ impl Neighbourhood {
             ends: vec![DVec3::ZERO; vertices],
             rotation: DMat3::IDENTITY,
             end_rotation: DMat3::IDENTITY,
+            turned: TurnedFaces::new(shape.faces.len()),
             tube: LookAheadTube::nowhere(),
             path: RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
             partial: None,

@@ -3,7 +3,7 @@
 //! tool's faces near it in three or four tests.
 
 use geometry::Aabb;
-use glam::{DVec3, Vec3A, Vec4};
+use glam::{DVec3, Vec3A, Vec4, Vec4Swizzles};
 
 /// Largest number of blocks on the highest level.
 const TOP: usize = 2;
@@ -104,6 +104,30 @@ impl BoxWithin {
         }
     }
 
+    /// The same for two boxes, in the first two components of each vector.
+    #[inline]
+    pub(crate) fn both(
+        [lower, upper]: [[Vec4; 3]; 2],
+        size: Vec4,
+        distance: &Distance,
+    ) -> [Self; 2] {
+        let rounding = ROUNDING as f32 * size;
+        let (low, high) = (lower.map(|p| p - rounding), upper.map(|p| p + rounding));
+        let squared = distance.squared;
+        [
+            Self {
+                lower: low.map(|p| p.xxxx()),
+                upper: high.map(|p| p.xxxx()),
+                squared,
+            },
+            Self {
+                lower: low.map(|p| p.yyyy()),
+                upper: high.map(|p| p.yyyy()),
+                squared,
+            },
+        ]
+    }
+
     /// The boxes of a block within the distance, as bits.
     #[inline]
     fn of(&self, block: &Block) -> u32 {
@@ -201,7 +225,7 @@ pub(crate) struct Blocks {
 /// Bits for a block's index on its level: more than the faces of a tool.
 const PLACE_BITS: usize = 24;
 /// Capacity of a set.
-const MAX_BLOCKS: usize = 16;
+pub(crate) const MAX_BLOCKS: usize = 16;
 /// A block is opened if at most this many of its boxes are near; with more, the next box of the
 /// surface decides better.
 const OPENED: u32 = 2;
@@ -209,33 +233,13 @@ const OPENED: u32 = 2;
 const WAITING: usize = MAX_BLOCKS + 8 * WIDTH;
 
 /// Blocks of a tool that contain everything near a box: a traversal of the other body's tree
-/// carries them down.
-#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
-pub(crate) struct BlockSet {
-    /// Level and index in one number.
-    blocks: [u32; MAX_BLOCKS],
-    count: usize,
-}
+/// carries them down. Of the numbers, which are levels and indices, so many are valid as are
+/// counted with them.
+pub(crate) type BlockSet = [u32; MAX_BLOCKS];
 
-impl BlockSet {
-    const NONE: Self = Self {
-        blocks: [0; MAX_BLOCKS],
-        count: 0,
-    };
-
-    fn push(&mut self, level: usize, place: usize) {
-        self.blocks[self.count] = (level << PLACE_BITS | place) as u32;
-        self.count += 1;
-    }
-
-    fn all(&self) -> &[u32] {
-        &self.blocks[..self.count]
-    }
-
-    /// Number of blocks; 0 if nothing is near.
-    pub(crate) fn len(&self) -> u32 {
-        self.count as u32
-    }
+/// Level and index in one number.
+fn block_at(level: usize, place: usize) -> u32 {
+    (level << PLACE_BITS | place) as u32
 }
 
 /// Level and index of a block.
@@ -297,13 +301,14 @@ impl Blocks {
         self.extent
     }
 
-    /// The set of all blocks.
-    pub(crate) fn whole(&self) -> BlockSet {
-        let (mut set, top) = (BlockSet::NONE, self.levels.len() - 1);
-        for place in 0..self.count_on(top) {
-            set.push(top, place);
+    /// The set of all blocks, and how many these are.
+    pub(crate) fn whole(&self) -> (BlockSet, usize) {
+        let (mut set, top) = ([0; MAX_BLOCKS], self.levels.len() - 1);
+        let count = self.count_on(top);
+        for (place, block) in set[..count].iter_mut().enumerate() {
+            *block = block_at(top, place);
         }
-        set
+        (set, count)
     }
 
     fn count_on(&self, level: usize) -> usize {
@@ -311,21 +316,29 @@ impl Blocks {
         end.unwrap_or(self.blocks.len()) - self.levels[level]
     }
 
-    /// The part of a set that may be near; adds the number of blocks tested to `cost`.
+    /// Writes the part of a set that may be near to `found`, which has room for [`MAX_BLOCKS`], and
+    /// returns how many blocks these are; adds the number of blocks tested to `cost`.
     #[inline]
-    pub(crate) fn within(&self, near: &BoxWithin, set: &BlockSet, cost: &mut u32) -> BlockSet {
-        let mut found = BlockSet::NONE;
-        *cost += set.count as u32;
-        for (k, &block) in set.all().iter().enumerate() {
+    pub(crate) fn within(
+        &self,
+        near: &BoxWithin,
+        set: &[u32],
+        found: &mut [u32],
+        cost: &mut u32,
+    ) -> usize {
+        let mut count = 0;
+        *cost += set.len() as u32;
+        for (k, &block) in set.iter().enumerate() {
             let (level, place) = level_and_place(block);
             let mut which = near.of(&self.blocks[self.levels[level] + place]);
             if which == 0 {
                 continue;
             }
-            let room = MAX_BLOCKS - found.count - (set.count - k - 1);
+            let room = MAX_BLOCKS - count - (set.len() - k - 1);
             let below = which.count_ones();
             if level <= 1 || below > OPENED || below as usize > room {
-                found.push(level, place);
+                found[count] = block;
+                count += 1;
                 continue;
             }
             let most = self.count_on(level - 1);
@@ -334,18 +347,20 @@ impl Blocks {
                 which &= which - 1;
                 // An empty box may seem near at the largest numbers.
                 if place < most {
-                    found.push(level - 1, place);
+                    found[count] = block_at(level - 1, place);
+                    count += 1;
                 }
             }
         }
-        found
+        count
     }
 
     /// Whether any face may be near.
     pub(crate) fn any(&self, near: &BoxWithin) -> bool {
         let mut found = false;
-        let whole = (&self.whole(), || []);
-        self.faces(near, whole, 0, &mut 0, [u32::MAX, 0], |_| {
+        let (whole, count) = self.whole();
+        let whole = &whole[..count];
+        self.faces(near, (whole, || []), 0, &mut 0, [u32::MAX, 0], |_| {
             found = true;
             false
         });
@@ -360,15 +375,15 @@ impl Blocks {
     pub(crate) fn faces<const N: usize>(
         &self,
         near: &BoxWithin,
-        (set, slabs): (&BlockSet, impl Fn() -> [Slab; N]),
+        (set, slabs): (&[u32], impl Fn() -> [Slab; N]),
         from: u32,
         cost: &mut u32,
         [most, of_face]: [u32; 2],
         mut visit: impl FnMut(u32) -> bool,
     ) -> Option<u32> {
         let mut waiting = [0u32; WAITING];
-        let (mut count, mut made) = (set.count, None);
-        for (entry, &block) in waiting.iter_mut().zip(set.all().iter().rev()) {
+        let (mut count, mut made) = (set.len(), None);
+        for (entry, &block) in waiting.iter_mut().zip(set.iter().rev()) {
             *entry = block;
         }
         while count > 0 {
@@ -402,7 +417,7 @@ impl Blocks {
                     which ^= 1 << slot;
                     let below = WIDTH * place + slot as usize;
                     if below < self.count_on(level - 1) {
-                        waiting[count] = ((level - 1) << PLACE_BITS | below) as u32;
+                        waiting[count] = block_at(level - 1, below);
                         count += 1;
                     }
                 }

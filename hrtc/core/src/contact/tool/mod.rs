@@ -9,8 +9,10 @@
 //! |---|---|
 //! | `shapes` | tool meshes of simple shape |
 //! | `block_tree` | eight-wide boxes of the tool's faces in its own axes |
+//! | `block_order` | the order of the faces in them |
 //! | `near_pairs` | face pairs of the front and a moving tool within a margin |
 
+mod block_order;
 mod block_tree;
 mod near_pairs;
 mod shapes;
@@ -21,6 +23,7 @@ pub use shapes::{capsule_mesh, cylinder_mesh};
 
 use crate::contact::query::Body;
 use ab_tree::{Child, NodeId};
+use block_order::{FaceBox, block_order};
 use geometry::{Aabb, BoxPair, Similarity};
 use glam::{DVec3, Vec3A};
 use spm::Handle;
@@ -154,9 +157,11 @@ impl Tool {
         self.refit();
     }
 
-    /// The faces in spatial order.
+    /// The faces in the order of their blocks.
     pub(crate) fn order(&self) -> Vec<u32> {
-        leaves(&self.nodes)
+        let corners = |face: &[u32; 3]| face.map(|v| self.local_vertices[v as usize]);
+        let boxes: Vec<_> = self.faces.iter().map(|f| FaceBox::of(corners(f))).collect();
+        block_order(&boxes)
     }
 
     fn refit(&mut self) {
@@ -241,23 +246,6 @@ impl Body for Tool {
     fn has(&self, face: Handle) -> bool {
         (face as usize) < self.faces.len()
     }
-}
-
-/// The faces of a tree from left to right.
-fn leaves(nodes: &[ToolNode]) -> Vec<u32> {
-    let mut waiting = vec![if nodes.is_empty() {
-        Child::Face(0)
-    } else {
-        Child::Node(0)
-    }];
-    let mut order = Vec::with_capacity(nodes.len() + 1);
-    while let Some(child) = waiting.pop() {
-        match child {
-            Child::Face(face) => order.push(face),
-            Child::Node(node) => waiting.extend(nodes[node as usize].children.iter().rev()),
-        }
-    }
-    order
 }
 
 /// Median splits along the longest axis of the centroids' box, parents first; ties go by number.

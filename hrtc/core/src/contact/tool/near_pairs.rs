@@ -6,11 +6,11 @@
 //! tests are in the tool's axes, where its boxes are constant and long faces along the tool have
 //! slim boxes.
 
-use super::block_tree::{BlockSet, Blocks, BoxWithin, Distance, Slab};
+use super::block_tree::{BlockSet, Blocks, BoxWithin, Distance, MAX_BLOCKS, Slab};
 use crate::contact::query::{Body, Ending, Limit, PairWork, STACK, Surface};
 use ab_tree::{Child, NodeId};
-use geometry::Aabb;
-use glam::{DMat3, DVec3, Mat3A, Vec3A};
+use geometry::{Aabb, BoxPair};
+use glam::{DMat3, DVec3, Mat3A, Vec3A, Vec4, Vec4Swizzles};
 use mutants::{Mutant, is};
 use spm::{Handle, NONE};
 use std::ops::ControlFlow;
@@ -93,12 +93,73 @@ impl RelativePath {
     }
 }
 
-/// A subtree or face of the front, and the blocks of the tool that may be near.
-#[derive(Clone, Copy, serde::Serialize, serde::Deserialize)]
+/// A [`RelativePath`] for two boxes at once: a vector has both boxes at the first placement, then
+/// both at the last. Gives the same bits as [`RelativePath::around`].
+struct PathOfBoth {
+    rounded: [Vec4; 3],
+    /// Rows of the matrices.
+    back: [[Vec4; 3]; 3],
+    absolute: [[Vec4; 3]; 3],
+    there: [Vec4; 3],
+    size: f32,
+}
+
+impl PathOfBoth {
+    fn new(path: &RelativePath) -> Self {
+        let lanes = |[a, b]: [f32; 2]| Vec4::new(a, a, b, b);
+        let rows = |m: [&Mat3A; 2]| {
+            let [a, b] = m.map(Mat3A::to_cols_array_2d);
+            [0, 1, 2].map(|i| [0, 1, 2].map(|j| lanes([a[j][i], b[j][i]])))
+        };
+        let [first, last] = &path.back;
+        Self {
+            rounded: path.rounded.to_array().map(Vec4::splat),
+            back: rows([first, last]),
+            absolute: rows([&path.absolute; 2]),
+            there: [0, 1, 2].map(|i| lanes(path.there.map(|p| p[i]))),
+            size: path.size,
+        }
+    }
+
+    /// The boxes that bound both boxes of a pair at first, last and on straight lines between, and
+    /// a distance.
+    #[inline]
+    fn around(&self, boxes: &BoxPair, distance: &Distance) -> [BoxWithin; 2] {
+        let [a, b] = [boxes.get(0), boxes.get(1)];
+        let [x, y, z] = [0, 1, 2].map(|k| {
+            let lower = Vec4::new(a.lower[k], b.lower[k], a.lower[k], b.lower[k]);
+            let upper = Vec4::new(a.upper[k], b.upper[k], a.upper[k], b.upper[k]);
+            let (low, high) = (lower - self.rounded[k], upper - self.rounded[k]);
+            let farthest = low.abs().max(high.abs());
+            (0.5 * (low + high), 0.5 * (high - low), farthest)
+        });
+        // In the order of glam's matrix product: another one rounds differently.
+        let times = |[a, b, c]: [Vec4; 3], [p, q, r]: [Vec4; 3]| (a * p + b * q) + c * r;
+        let (middle, half) = ([x.0, y.0, z.0], [x.1, y.1, z.1]);
+        let (mut lower, mut upper) = ([Vec4::ZERO; 3], [Vec4::ZERO; 3]);
+        for i in 0..3 {
+            let first = self.there[i] + times(self.back[i], middle);
+            let last = first.zwxy();
+            let reach = times(self.absolute[i], half);
+            lower[i] = first.min(last) - reach;
+            upper[i] = first.max(last) + reach;
+        }
+        let size = self.size + x.2.max(y.2).max(z.2);
+        BoxWithin::both([lower, upper], size, distance)
+    }
+}
+
+/// A subtree or face of the front, and the blocks of the tool that may be near: so many from a
+/// place in the pool on.
+#[derive(Clone, Copy)]
 struct Entry {
     child: Child,
-    near: BlockSet,
+    first: u32,
+    len: u32,
 }
+
+/// Capacity of the pool: the sets of a full stack, and one that is tried.
+const POOL: usize = MAX_BLOCKS * (STACK + 1);
 
 /// Cost of a face beside its blocks and pairs, in blocks (measured).
 const FACE: u32 = 4;
@@ -185,7 +246,7 @@ fn for_each_near_face(
     tool: &Blocks,
     path: &RelativePath,
     corners: [DVec3; 3],
-    (set, distance, from): (&BlockSet, Distance, u32),
+    (set, distance, from): (&[u32], Distance, u32),
     cost: &mut u32,
     limits: [u32; 2],
     visit: impl FnMut(u32) -> bool,
@@ -214,7 +275,8 @@ pub(crate) fn for_each_face_near(
     if cost > most {
         return (0, false);
     }
-    let near = (&tool.whole(), Distance::new(distance), 0);
+    let (whole, count) = tool.whole();
+    let near = (&whole[..count], Distance::new(distance), 0);
     let next = for_each_near_face(tool, path, corners, near, &mut cost, limits, visit);
     (cost, next.is_none())
 }
@@ -239,18 +301,24 @@ pub(crate) fn for_each_near_pair(
         return (Ending::Complete, PairWork::default(), resume);
     };
     let budget = limit.max_work();
+    let (whole, count) = tool.whole();
+    let mut pool = [0; POOL];
+    pool[..MAX_BLOCKS].copy_from_slice(&whole);
     let root = Entry {
         child: root,
-        near: tool.whole(),
+        first: 0,
+        len: count as u32,
     };
     let mut search = NearPairSearch {
         surface,
         tool,
         path,
+        of_both: PathOfBoth::new(path),
         resume,
         margin,
         distance: Distance::new(margin),
         work: PairWork::default(),
+        pool,
         stack: [root; STACK],
         count: 1,
     };
@@ -269,9 +337,9 @@ pub(crate) fn for_each_near_pair(
         }
         search.count -= 1;
         match entry.child {
-            Child::Node(node) => search.open(node, &entry.near),
+            Child::Node(node) => search.open(node, entry),
             Child::Face(face) => {
-                let ending = search.visit_face(face, &entry.near, left, &mut visit);
+                let ending = search.visit_face(face, entry, left, &mut visit);
                 if let Some((ending, next)) = ending {
                     return (ending, search.work, next);
                 }
@@ -286,11 +354,14 @@ struct NearPairSearch<'a> {
     surface: &'a Surface<'a>,
     tool: &'a Blocks,
     path: &'a RelativePath,
+    of_both: PathOfBoth,
     resume: Resume,
     /// Units of the surface's frame; `distance` is the same, rounded up.
     margin: f64,
     distance: Distance,
     work: PairWork,
+    /// The sets of the entries, in their order.
+    pool: [u32; POOL],
     stack: [Entry; STACK],
     count: usize,
 }
@@ -307,27 +378,36 @@ impl NearPairSearch<'_> {
     #[inline]
     fn min_cost(&self, entry: &Entry) -> u32 {
         match entry.child {
-            Child::Node(_) => 2 * entry.near.len(),
-            Child::Face(_) => FACE + entry.near.len(),
+            Child::Node(_) => 2 * entry.len,
+            Child::Face(_) => FACE + entry.len,
         }
     }
 
-    /// Pushes the children of a node that blocks of the tool may be near.
+    /// Pushes the children of a node, the last entry, that blocks of the tool may be near. Their
+    /// sets overwrite its own.
     #[inline]
-    fn open(&mut self, node: NodeId, near: &BlockSet) {
+    fn open(&mut self, node: NodeId, Entry { first, len, .. }: Entry) {
         let (children, boxes) = self.surface.children(node);
+        let within = self.of_both.around(&boxes, &self.distance);
+        let (mut first, mut set) = (first as usize, BlockSet::default());
+        let near = &mut set[..len as usize];
+        near.copy_from_slice(&self.pool[first..first + len as usize]);
         let mut looks = 0;
         for side in [1, 0] {
             let child = children[side];
             if self.resume != Resume::START && self.resume.is_after(self.key_of(child)) {
                 continue;
             }
-            let BoxSeen { corners, size } = self.path.around(&boxes.get(side));
-            let within = BoxWithin::new(corners, size, &self.distance);
-            let near = self.tool.within(&within, near, &mut looks);
-            if near.len() > 0 {
-                self.stack[self.count] = Entry { child, near };
+            let found = &mut self.pool[first..first + MAX_BLOCKS];
+            let len = self.tool.within(&within[side], near, found, &mut looks);
+            if len > 0 {
+                self.stack[self.count] = Entry {
+                    child,
+                    first: first as u32,
+                    len: len as u32,
+                };
                 self.count += 1;
+                first += len;
             }
         }
         self.work.node_pairs += looks;
@@ -341,7 +421,7 @@ impl NearPairSearch<'_> {
     fn visit_face(
         &mut self,
         face: Handle,
-        near: &BlockSet,
+        Entry { first, len, .. }: Entry,
         left: u32,
         visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
     ) -> Option<(Ending, Resume)> {
@@ -357,7 +437,8 @@ impl NearPairSearch<'_> {
         } else {
             0
         };
-        let near = (near, self.distance, from);
+        let set = &self.pool[first as usize..(first + len) as usize];
+        let near = (set, self.distance, from);
         let (tool, path) = (self.tool, self.path);
         let place = for_each_near_face(tool, path, corners, near, &mut cost, limits, |tool_face| {
             self.work.faces += 1;
@@ -393,6 +474,7 @@ impl NearPairSearch<'_> {
 mod tests {
     use super::*;
     use ab_tree::{AbTree, leaf_key};
+    use glam::{EulerRot, Vec3};
     use spm::{ActiveMesh, Certified};
 
     const FACES: u32 = 64;
@@ -433,6 +515,47 @@ mod tests {
                 });
             (visited, next)
         });
+    }
+
+    /// Two boxes at once are the same bits as one by one, for any numbers.
+    #[test]
+    fn two_boxes_at_once_are_as_one_by_one() {
+        let turns = [0.3, -1.1].map(|turn| DMat3::from_euler(EulerRot::XYZ, turn, 0.7, 2.0 * turn));
+        let centres = [DVec3::new(0.1, -20.3, 3.7), DVec3::new(0.2, -20.1, 3.3)];
+        let path = RelativePath::new(centres, turns);
+        let (of_both, distance) = (PathOfBoth::new(&path), Distance::new(0.3));
+        let numbers = [
+            0.1,
+            -2.3,
+            f32::MAX,
+            1e-39,
+            31.7,
+            f32::NAN,
+            -7.7,
+            f32::INFINITY,
+        ];
+        for k in 0u32..10_000 {
+            let number = |n: u32| {
+                let random = (k * 12 + n).wrapping_mul(0x9E37_79B9);
+                if k.is_multiple_of(2) {
+                    (random >> 8) as f32 * 1e-5 - 80.0
+                } else {
+                    numbers[random as usize >> 29]
+                }
+            };
+            let corner = |n: u32| Vec3::new(number(n), number(n + 1), number(n + 2));
+            let boxes = [0, 6].map(|n| Aabb {
+                lower: corner(n),
+                upper: corner(n + 3),
+            });
+            let both = of_both.around(&BoxPair::new(boxes), &distance);
+            let each = boxes.map(|aabb| {
+                let BoxSeen { corners, size } = path.around(&aabb);
+                BoxWithin::new(corners, size, &distance)
+            });
+            // As text, since NaN is not equal to itself.
+            assert_eq!(format!("{both:?}"), format!("{each:?}"), "{boxes:?}");
+        }
     }
 
     /// A search that ends amid a face goes on there, or examines all of it where it has changed.

@@ -1,12 +1,13 @@
 //! Collection of the candidate pairs, and their update where the surface changed.
 
+use super::face_pair::{CandidateFace, MovingFace};
 use super::{
-    Direction, LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, PLACED,
-    SurfaceFace, ToolShape, normal_of,
+    LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, PLACED, SurfaceFace,
+    ToolShape,
 };
 use crate::contact::query::{Body, Ending, Limit, PairWork, Surface};
 use crate::contact::tool::{RelativePath, Resume, for_each_face_near, for_each_near_pair};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use spm::{ActiveMesh, Handle, NONE};
 use std::ops::ControlFlow;
 
@@ -57,6 +58,7 @@ impl Neighbourhood {
         let ends = tube.ends();
         let centres = ends.map(|at| at.centre);
         [self.rotation, self.end_rotation] = ends.map(|at| at.rotation());
+        self.turned.begin(shape.faces.len());
         let mut candidate: Option<CandidateFace> = None;
         // In the tool's frame straight paths are bent.
         let path = RelativePath::new(centres, [self.rotation, self.end_rotation]);
@@ -149,15 +151,16 @@ impl Neighbourhood {
         tool_face: u32,
         margin: f64,
     ) -> Option<f64> {
-        let own = shape.faces[tool_face as usize];
+        let own = &shape.faces[tool_face as usize];
         self.list(own.vertices, shape, centres);
         let moving = MovingFace {
+            face: tool_face,
             corners: [&self.positions, &self.ends]
                 .map(|places| own.vertices.map(|v| places[v as usize])),
             own: own.normal,
             rotation: self.rotation,
         };
-        let (gap, along) = moving.best_apart(candidate, margin);
+        let (gap, along) = moving.best_apart(candidate, &mut self.turned, margin);
         if gap > margin {
             return None;
         }
@@ -201,6 +204,7 @@ impl Neighbourhood {
         let ends = tube.ends();
         self.place(shape, &ends[0]);
         self.place_ends(shape, &ends[1]);
+        self.turned.begin(shape.faces.len());
         let kept = self.drop_changed(mesh, changed);
         let path = self.path;
         if let Some(resume) = &mut resume {
@@ -212,8 +216,7 @@ impl Neighbourhood {
                 continue;
             }
             let mut candidate = CandidateFace::of(mesh, face);
-            let corners = candidate.corners;
-            let centres = ends.map(|at| at.centre);
+            let (corners, centres) = (candidate.corners, ends.map(|at| at.centre));
             let limits = [most.saturating_sub(work.cost()), PairWork::FACE_PAIR];
             let (mut visited, mut has_room) = (0, true);
             let take = |own| {
@@ -362,91 +365,13 @@ impl Neighbourhood {
     }
 }
 
-/// A face of the surface for which pairs are collected.
-struct CandidateFace {
-    face: Handle,
-    corners: [DVec3; 3],
-    /// Unit normal; zero without area.
-    normal: DVec3,
-    /// Index among the faces that have a pair.
-    place: Option<u32>,
-}
-
-impl CandidateFace {
-    fn of(mesh: &ActiveMesh, face: Handle) -> Self {
-        let corners = mesh.corners(face);
-        Self {
-            face,
-            corners,
-            normal: normal_of(corners),
-            place: None,
-        }
-    }
-}
-
-/// A face of the tool for which pairs are collected.
-struct MovingFace {
-    /// Corners at the start and at the end of the path.
-    corners: [[DVec3; 3]; 2],
-    /// Normal in the tool's axes.
-    own: DVec3,
-    /// From the tool's axes to the model's at the start.
-    rotation: DMat3,
-}
-
-impl MovingFace {
-    /// The direction of largest separation along the straight path, among the normals of two faces
-    /// and the direction between their centres, and that separation; or the first direction with a
-    /// separation above `enough`.
-    fn best_apart(&self, face: &CandidateFace, enough: f64) -> (f64, Direction) {
-        let [start, end] = &self.corners;
-        // Both signs of a normal at once.
-        let either = |normal: DVec3| {
-            let [a, b, c] = face.corners.map(|p| normal.dot(p));
-            let [p, q, r] = start.map(|p| normal.dot(p));
-            let [s, t, u] = end.map(|p| normal.dot(p));
-            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-            let least = p.min(q).min(r).min(s.min(t).min(u));
-            let most = p.max(q).max(r).max(s.max(t).max(u));
-            let (ahead, behind) = (least - high, low - most);
-            if ahead >= behind {
-                (ahead, 1.0, high)
-            } else {
-                (behind, -1.0, -low)
-            }
-        };
-        let still = |normal: DVec3, sign: f64, height: f64| {
-            let direction = sign * normal;
-            Direction::Still { direction, height }
-        };
-        let (over, sign, height) = either(face.normal);
-        let over_face = still(face.normal, sign, height);
-        if over > enough {
-            return (over, over_face);
-        }
-        let (under, sign, _) = either(self.rotation * self.own);
-        let under_tool = Direction::Turning(sign * self.own);
-        if under > enough {
-            return (under, under_tool);
-        }
-        let middle = |[a, b, c]: [DVec3; 3]| a + b + c;
-        let between = (middle(*start) - middle(face.corners)).normalize_or_zero();
-        let (beside, sign, height) = either(between);
-        if beside > over.max(under) {
-            (beside, still(between, sign, height))
-        } else if over >= under {
-            (over, over_face)
-        } else {
-            (under, under_tool)
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::Direction;
+    use super::super::face_pair::TurnedFaces;
     use super::*;
     use crate::contact::motion::{Placement, Twist};
-    use crate::contact::tool::{Tool, capsule_mesh};
+    use crate::contact::tool::{Tool, ToolMesh, capsule_mesh};
     use ab_tree::{AbTree, leaf_key};
     use glam::DQuat;
     use spm::Certified;
@@ -553,5 +478,52 @@ mod tests {
         near.shrink(0.4);
         assert!(!near.pairs.is_empty() && near.pairs.len() < all);
         check(&near, &mesh);
+    }
+
+    /// What is kept of a tool's face within a collection is not used in the next, and a state from
+    /// a recording, which comes without it, goes on alike.
+    #[test]
+    fn a_collection_does_not_depend_on_what_was_before() {
+        let (mesh, tree) = strip();
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        // A large oblique face: its own normal separates it best.
+        let positions = [[-20.0, -15.0, 0.0], [20.0, -15.0, 0.0], [0.0, 30.0, 0.0]];
+        let plate = ToolMesh {
+            positions: positions.map(DVec3::from_array).to_vec(),
+            triangles: vec![[0, 1, 2]],
+        };
+        let tool = Tool::new(&plate).expect("it is a tool");
+        let shape = ToolShape::new(&tool, 1.0);
+        let collected = |near: &mut Neighbourhood, angle: f64| {
+            let at = Placement {
+                centre: DVec3::new(3.0, 0.5, 0.6),
+                orientation: DQuat::from_rotation_y(angle),
+            };
+            let path = Twist {
+                linear: DVec3::new(0.05, 0.0, 0.02),
+                ..Twist::default()
+            };
+            let tube = LookAheadTube::along(at, path, 0.1, 1.0, &shape);
+            near.collect(surface, &shape, tube, &mut u32::MAX.into());
+            assert_eq!(near.pairs.len(), FACES as usize);
+            let of_tool = |pair: &NearPair| matches!(pair.along, Direction::Turning(_));
+            assert!(near.pairs.iter().all(of_tool));
+            assert!(near.clear_until.iter().all(|&gap| gap > 0.1));
+            format!("{:?} {:?}", near.pairs, near.clear_until)
+        };
+        let (mut kept, mut read) = (Neighbourhood::new(&shape), Neighbourhood::new(&shape));
+        for angle in [0.1, -0.1, 0.05] {
+            let alone = collected(&mut Neighbourhood::new(&shape), angle);
+            assert_eq!(collected(&mut kept, angle), alone);
+            read.turned = TurnedFaces::default();
+            assert_eq!(collected(&mut read, angle), alone);
+            read.turned = TurnedFaces::default();
+            let (updated, _) = read.update(surface, &shape, &[3], [1 << 20; 2]);
+            assert!(matches!(updated, Updated::All(_)));
+            assert_eq!(read.pairs.len(), FACES as usize);
+        }
     }
 }
