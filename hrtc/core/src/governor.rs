@@ -48,10 +48,11 @@
 //! what a tick has to do. What they took of late comes off the time that a tick has.
 //!
 //! What no costs tell remains: an interrupt, a cold cache. On a slow machine they take more of a
-//! period. A tick that is *late*, without the machine being slower by the law above, takes a part
-//! off the share of the period that ticks may spend; that comes back over `SHARE_RETURN_S`. So the
-//! share falls where such ticks are frequent, until they are not or to `MIN_TIME_SHARE`. One late
-//! tick moves it by that part, a tick in time by `period / SHARE_RETURN_S` of what is missing.
+//! period. A tick that is *late*, of several in a row the first, and longer than the law above
+//! expects, takes a part off the share of the period that ticks may spend; that comes back over
+//! `SHARE_RETURN_S`. So the share falls where such ticks are frequent, until they are not or to
+//! `MIN_TIME_SHARE`. One late tick moves it by that part, a tick in time by `period /
+//! SHARE_RETURN_S` of what is missing.
 //!
 //! The operations that a tick can afford go down at once, and come back by a third of the way in
 //! `OPERATIONS_RETURN_S`; a ring that was given up comes back only when there are a quarter more
@@ -60,9 +61,10 @@
 pub use crate::costs::{CostGroup, QueryWork, WorkCosts};
 use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
+pub use crate::tuning::governor::MIN_BALL_UNITS;
 use crate::tuning::governor::{
     CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, DRIVERS_FADE_S, LATE, LATE_CUT, MAX_CUT,
-    MIN_BALL_UNITS, MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES,
+    MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES,
     OPERATIONS_RETURN_S, RECEIVED_SHARE, SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S,
     SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, UPKEEP_SHARE, USUAL_BALL_UNITS,
     USUAL_TOOL_UNITS,
@@ -292,6 +294,8 @@ pub struct Governor {
     slowness: f64,
     /// The newest three.
     ratios: [f64; 3],
+    /// Whether the last tick was late.
+    was_late: bool,
     /// The most that the devices' drivers took in a tick of late, the second most, and what they
     /// took in the last one, nanoseconds.
     device_times: [f64; 2],
@@ -321,6 +325,7 @@ impl Governor {
             share: TIME_SHARE,
             slowness: 1.0,
             ratios: [1.0; 3],
+            was_late: false,
             device_times: [0.0; 2],
             last_device_ns: 0.0,
             contact_ns: 0.0,
@@ -406,11 +411,11 @@ impl Governor {
         let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
         let [least, most] = SLOWNESS_RANGE;
         self.slowness = faded.max(middle).clamp(least, most);
-        // The second of two such ticks in a row is the middle: a slower machine.
-        let whole = ns + self.last_device_ns;
-        let is_late = whole > LATE * self.period_ns() && ratio > middle;
+        let is_late = ns + self.last_device_ns > LATE * self.period_ns();
+        let was_late = std::mem::replace(&mut self.was_late, is_late);
         let back = self.period_s / SHARE_RETURN_S * (TIME_SHARE - self.share);
-        let share = if is_late {
+        // Two in a row are a slower machine.
+        let share = if is_late && !was_late && ratio > middle {
             (1.0 - LATE_CUT) * self.share
         } else {
             self.share + back

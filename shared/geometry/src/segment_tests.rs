@@ -111,6 +111,7 @@ proptest! {
         prop_assert!(foot(p, ours.points[0] / s).distance(ours.points[0] / s) < 1e-13);
         let off = closest_point_on_triangle(t, ours.points[1] / s).distance_squared;
         prop_assert!(off.sqrt() < 1e-13);
+        prop_assert!((ours.points[0].distance(ours.points[1]) / s - distance).abs() < 1e-13);
         let nearest = |x: DVec3| closest_point_on_triangle(t, x).point;
         let starts = [p[0], p[1], t[0], t[1], t[2]];
         let least = alternating(|x| foot(p, x), nearest, &starts);
@@ -130,6 +131,7 @@ proptest! {
             let off = closest_point_on_triangle(triangle, point / s).distance_squared;
             prop_assert!(off.sqrt() < 1e-13);
         }
+        prop_assert!((ours.points[0].distance(ours.points[1]) / s - distance).abs() < 1e-13);
         let on = |t: [DVec3; 3]| move |x: DVec3| closest_point_on_triangle(t, x).point;
         let least = alternating(on(a), on(b), &[a[0], a[1], a[2], b[0], b[1], b[2]]);
         prop_assert!(distance <= least + 1e-13 && least <= distance + 2e-2, "{} {}", distance, least);

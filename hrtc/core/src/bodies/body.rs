@@ -157,7 +157,8 @@ impl Body {
     /// Bound of the displacement of any point of its box in a period, metres.
     ///
     /// Of a driven body it follows from the largest speed. Of any other it is the largest recent
-    /// displacement, which decays by 3 % a millisecond.
+    /// displacement, which decays by 3 % a millisecond; after missed ticks at least what follows
+    /// from its speed.
     #[must_use]
     pub fn max_displacement(&self) -> f64 {
         self.max_displacement
@@ -290,9 +291,9 @@ impl Body {
         // It is the same tick.
         self.awake_ticks -= 1;
         self.since += since;
-        if self.is_awake {
-            self.before = before.or(self.before);
-        }
+        self.before = before.or(self.before);
+        // What has moved in this tick sleeps in a later one.
+        self.is_awake |= before.is_some();
         steps
     }
 
@@ -312,7 +313,26 @@ impl Body {
         // Of a period, also where one step made up for many.
         let periods = self.since.max(1) as f64;
         let left = self.step.displacement_left.powf(periods) * self.max_displacement;
-        self.max_displacement = (motion.farthest(extent.radius()) / periods).max(left);
+        let mean = motion.farthest(extent.radius()) / periods;
+        // Over many it may have turned by more than half a turn, of which the rest is seen.
+        let now = if self.since > 1 {
+            self.displacement_ahead(extent.radius())
+        } else {
+            mean
+        };
+        self.max_displacement = mean.max(now).max(left);
+    }
+
+    /// Bound of the displacement of a point within `radius` (metres) of its middle in a period at
+    /// its present speed, metres.
+    fn displacement_ahead(&self, radius: f64) -> f64 {
+        let [speed, turning] = match &self.kind {
+            Kind::Free(free) => free.speeds(),
+            Kind::Hinge(hinge) => hinge.speeds(),
+            Kind::Rail(rail) => [rail.speed(), 0.0],
+            Kind::Driven(_) | Kind::Unknown => [0.0; 2],
+        };
+        (speed + turning * radius) * self.step.period_s
     }
 
     /// Puts it to sleep when it has been without load and motion for long enough.
@@ -369,30 +389,93 @@ mod tests {
 
     const PERIOD_S: f64 = 1e-3;
 
-    /// A body on a rail that was pushed by 1 N for a period.
-    fn pushed(linear: SpringDamperPlan) -> Body {
-        let plan = MovablePlan::Rail(RailPlan {
-            mass: MassPlan {
-                mass_kg: 0.1,
-                inertia_kgm2: None,
-                gravity_m_per_s2: DVec3::ZERO,
-            },
-            axis: DVec3::Z,
-            linear,
-            limits_m: None,
-        });
+    /// Without weight.
+    const MASS: MassPlan = MassPlan {
+        mass_kg: 0.1,
+        inertia_kgm2: None,
+        gravity_m_per_s2: DVec3::ZERO,
+    };
+    const LOOSE: SpringDamperPlan = SpringDamperPlan {
+        spring: 0.0,
+        damping: Some(0.0),
+    };
+
+    /// A cube of 0.1 m after a step of so many periods in which it was pushed at its middle.
+    fn pushed_by(plan: MovablePlan, push: &Wrench, periods: u32) -> Body {
         let mut body = Body::new(plan, Pose::IDENTITY, PERIOD_S);
         body.set_extent(Extent {
             middle: DVec3::ZERO,
             sides: DVec3::splat(0.1),
         });
-        let push = Wrench {
-            force: DVec3::Z,
-            torque: DVec3::ZERO,
-        };
-        body.push(&push, DVec3::ZERO);
-        body.step(1, 1);
+        body.push(push, DVec3::ZERO);
+        body.step(u64::from(periods), periods);
         body
+    }
+
+    fn along(force: DVec3) -> Wrench {
+        Wrench {
+            force,
+            torque: DVec3::ZERO,
+        }
+    }
+
+    /// A body on a rail that was pushed by 1 N for a period.
+    fn pushed(linear: SpringDamperPlan) -> Body {
+        let plan = MovablePlan::Rail(RailPlan {
+            mass: MASS,
+            axis: DVec3::Z,
+            linear,
+            limits_m: None,
+        });
+        pushed_by(plan, &along(DVec3::Z), 1)
+    }
+
+    /// A drawer that is pushed to its stop in a stall, and rests there until the end of it.
+    #[test]
+    fn what_comes_to_rest_within_a_stall_has_moved_in_it() {
+        let plan = MovablePlan::Rail(RailPlan {
+            mass: MASS,
+            axis: DVec3::Z,
+            linear: LOOSE,
+            limits_m: Some([0.0, 0.01]),
+        });
+        let mut body = pushed_by(plan, &along(DVec3::Z * 3.0), 30);
+        body.coast(600, 570);
+        assert_eq!(body.pose().position, DVec3::Z * 0.01);
+        assert_eq!(body.before(), Some(Pose::IDENTITY));
+        assert_eq!(body.since(), 600);
+        body.step(601, 1);
+        assert_eq!(body.before(), None);
+        assert!(!body.is_awake());
+    }
+
+    /// A cube may turn by any angle in a stall, of which only the shorter way is seen.
+    #[test]
+    fn after_a_stall_of_any_length_no_corner_moves_beyond_the_bound() {
+        let plan = MovablePlan::Free(FreePlan {
+            mass: MASS,
+            linear: LOOSE,
+            angular: LOOSE,
+        });
+        let twist = Wrench {
+            force: DVec3::ZERO,
+            torque: DVec3::Z * 15.0,
+        };
+        for push in [along(DVec3::Z * 20.0), twist] {
+            for periods in [1u32, 18, 40, 300, 1000] {
+                let mut body = pushed_by(plan, &push, 1);
+                let tick = 1 + u64::from(periods);
+                body.coast(tick, periods);
+                let (bound, before) = (body.max_displacement(), body.pose());
+                body.step(tick + 1, 1);
+                let corner = |pose: Pose| pose.transform_point(DVec3::splat(0.05));
+                let went = corner(body.pose()).distance(corner(before));
+                assert!(
+                    went > 0.0 && went <= bound * (1.0 + 1e-9),
+                    "{push:?}, {periods}: {went} m of {bound} m"
+                );
+            }
+        }
     }
 
     /// Its weight is a torque that a step of a tenth of a second would not follow.
@@ -402,16 +485,12 @@ mod tests {
             for periods in [18, 300, 1000, 2000, 5000, 60_000] {
                 let plan = MovablePlan::Hinge(HingePlan {
                     mass: MassPlan {
-                        mass_kg: 0.1,
-                        inertia_kgm2: None,
                         gravity_m_per_s2: DVec3::Z * -9.81,
+                        ..MASS
                     },
                     axis: DVec3::X,
                     anchor_m: DVec3::ZERO,
-                    angular: SpringDamperPlan {
-                        spring: 0.0,
-                        damping: Some(0.0),
-                    },
+                    angular: LOOSE,
                     limits_rad: None,
                 });
                 let mut body = Body::new(plan, Pose::IDENTITY, PERIOD_S);
@@ -446,18 +525,10 @@ mod tests {
     #[test]
     fn a_rod_that_tumbles_gains_no_energy_in_a_stall_of_any_length() {
         for (most_steps, periods) in [(1, 18), (1, 100), (1, 300), (20, 300), (20, 1000)] {
-            let loose = SpringDamperPlan {
-                spring: 0.0,
-                damping: Some(0.0),
-            };
             let plan = MovablePlan::Free(FreePlan {
-                mass: MassPlan {
-                    mass_kg: 0.1,
-                    inertia_kgm2: None,
-                    gravity_m_per_s2: DVec3::ZERO,
-                },
-                linear: loose,
-                angular: loose,
+                mass: MASS,
+                linear: LOOSE,
+                angular: LOOSE,
             });
             let mut body = Body::new(plan, Pose::IDENTITY, PERIOD_S);
             body.set_extent(Extent {
@@ -487,15 +558,11 @@ mod tests {
 
     #[test]
     fn a_body_moves_through_a_stall_of_any_length() {
-        let free = SpringDamperPlan {
-            spring: 0.0,
-            damping: Some(0.0),
-        };
         let held = SpringDamperPlan {
             spring: 1.0,
             damping: None,
         };
-        for (linear, within) in [(free, 1e-12), (held, 0.05)] {
+        for (linear, within) in [(LOOSE, 1e-12), (held, 0.05)] {
             for periods in [1u32, 18, 300] {
                 let mut smooth = pushed(linear);
                 let mut stalled = pushed(linear);

@@ -120,6 +120,11 @@ impl Free {
         }
     }
 
+    /// Speeds of its middle, m/s, and of its rotation, rad/s.
+    pub fn speeds(&self) -> [f64; 2] {
+        [self.velocity.length(), self.turning(self.axes).length()]
+    }
+
     pub fn kinetic_j(&self) -> f64 {
         0.5 * self.linear.inertia * self.velocity.length_squared() + self.turning_j()
     }

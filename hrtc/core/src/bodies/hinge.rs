@@ -67,6 +67,13 @@ impl Hinge {
         }
     }
 
+    /// Speeds of the middle of its box, m/s, and of its rotation, rad/s.
+    pub fn speeds(&self) -> [f64; 2] {
+        let arm = self.arm.reject_from_normalized(self.axis).length();
+        let turning = self.turn.speed();
+        [turning * arm, turning]
+    }
+
     pub fn kinetic_j(&self) -> f64 {
         self.turn.kinetic_j()
     }

@@ -407,4 +407,20 @@ movable = {{ free = {{ mass_kg = {MASS_KG}, damping_ns_per_m = 0.0, damping_nms_
         movables.step(301);
         assert_eq!(movables.steps(), 6 * 2 * MAX_STEP_PERIODS as usize);
     }
+
+    #[test]
+    fn a_stall_is_one_tick_to_whoever_looks_at_a_body() {
+        let mut movables = tumbling(3);
+        let mut tick = 1;
+        for (ticks, periods) in (2..).zip([1, 18, 40, 300, 1000]) {
+            let last = movables.body(0).unwrap().pose();
+            tick += periods;
+            movables.step(tick);
+            let body = movables.body(0).unwrap();
+            assert_ne!(body.pose(), last, "{periods}");
+            assert_eq!(body.before(), Some(last), "{periods}");
+            assert_eq!(body.since(), periods);
+            assert_eq!(body.awake_ticks(), ticks, "{periods}");
+        }
+    }
 }

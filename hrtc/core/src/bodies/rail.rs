@@ -41,6 +41,11 @@ impl Rail {
         }
     }
 
+    /// Metres per second.
+    pub fn speed(&self) -> f64 {
+        self.travel.speed()
+    }
+
     pub fn kinetic_j(&self) -> f64 {
         self.travel.kinetic_j()
     }

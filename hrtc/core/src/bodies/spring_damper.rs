@@ -82,6 +82,11 @@ impl Coordinate {
         self.spring_damper.inertia
     }
 
+    /// In either direction.
+    pub fn speed(&self) -> f64 {
+        self.speed.abs()
+    }
+
     pub fn kinetic_j(&self) -> f64 {
         0.5 * self.spring_damper.inertia * self.speed * self.speed
     }

@@ -251,3 +251,64 @@ fn a_driver_that_is_slow_now_and_then_has_its_time_and_one_that_hangs_no_more_th
     let left = governor.device_ns() / governor.share_ns();
     assert!(left < 0.5, "{left}");
 }
+
+/// What the constants were chosen for, at any rate.
+#[test]
+fn one_late_tick_a_second_leaves_the_share_at_its_middle_whatever_the_rate() {
+    for rate_hz in [100u32, 1000, 4000] {
+        let period_s = 1.0 / f64::from(rate_hz);
+        let mut governor = Governor::new(period_s, 96);
+        let mut sum = 0.0;
+        for k in 0..60 * rate_hz {
+            governor.begin_tick([1, 0]);
+            governor.time.set_refinement(governor.time.faces(1.0), 0);
+            governor.end_queries(u64::from(k), false, true);
+            let is_late = k % rate_hz == rate_hz - 1;
+            let spent = governor.time.spent.total();
+            governor.note_work(if is_late { 0.85e9 * period_s } else { spent });
+            if k >= 30 * rate_hz {
+                sum += governor.time_share();
+            }
+        }
+        let mean = sum / f64::from(30 * rate_hz);
+        assert!((0.56..=0.62).contains(&mean), "{rate_hz} Hz: {mean}");
+    }
+}
+
+/// The share after a tick that took 0.4 ms beside the drivers; `is_said`: as the costs say.
+fn share_after(device_ns: f64, is_said: bool) -> f64 {
+    let mut governor = Governor::new(1e-3, 96);
+    run(&mut governor, 1.0, 10);
+    governor.begin_tick([1, 0]);
+    let mut work_ns = 0.4e6;
+    if is_said {
+        let left = work_ns - governor.spent().total();
+        governor.time.charge_queries(left as u32);
+        work_ns = governor.spent().total();
+    }
+    governor.note_devices(device_ns);
+    governor.note_work(work_ns);
+    governor.time_share()
+}
+
+#[test]
+fn drivers_make_a_tick_late_and_what_the_costs_say_does_not() {
+    assert_eq!(share_after(0.5e6, false), TIME_SHARE * (1.0 - LATE_CUT));
+    assert_eq!(share_after(0.3e6, false), TIME_SHARE);
+    assert_eq!(share_after(0.5e6, true), TIME_SHARE);
+}
+
+#[test]
+fn of_late_ticks_in_a_row_the_first_counts() {
+    for times in [[0.85e6, 0.86e6, 0.87e6], [0.85e6; 3]] {
+        let mut governor = Governor::new(1e-3, 96);
+        run(&mut governor, 1.0, 10);
+        for ns in times {
+            governor.begin_tick([1, 0]);
+            governor.note_work(ns);
+        }
+        // A little of it is back.
+        let share = governor.time_share() / (TIME_SHARE * (1.0 - LATE_CUT));
+        assert!((1.0..1.001).contains(&share), "{times:?}: {share}");
+    }
+}

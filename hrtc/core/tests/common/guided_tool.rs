@@ -6,11 +6,11 @@ use hrtc_core::contact::query::first_pair;
 use hrtc_core::contact::rigid_proxy::ToolProxy;
 use hrtc_core::contact::tool::{Tool, ToolMesh};
 
-/// Pairs of nodes that a tick has time for on one tool: 12 a unit of 4096 units of work, which take
-/// 0.6 ms on the reference machine.
+/// Pairs of nodes, 12 a unit: nearly twice as many units as a tick of a tool has time for, some
+/// 2300 by `WorkCosts::REFERENCE`, so that a step is not cut short.
 pub const TICK_BUDGET: u32 = 12 * 4096;
 
-/// The same in a tick whose other work leaves the least, 1024 units.
+/// A quarter of it: less than half of what a tick has time for.
 pub const MIN_TICK_BUDGET: u32 = 12 * 1024;
 
 /// A proxy, and the same tool to ask with.

@@ -5,10 +5,12 @@ use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use hrtc_core::contact::query::{MAX_FACES, NearFaces, swept_sphere, swept_sphere_budget};
 use hrtc_core::contact::sphere_proxy::Proxy;
+use hrtc_core::governor::MIN_BALL_UNITS;
+use hrtc_core::record::max_or_nan;
 use simulator::Random;
 
-/// Units that every pair has in each tick, `tuning::governor::MIN_BALL_UNITS`.
-const EVERY_TICK: u32 = 180;
+/// Units that every pair has in each tick.
+const EVERY_TICK: u32 = MIN_BALL_UNITS as u32;
 
 fn distances(front: &Front, point: DVec3) -> impl Iterator<Item = f64> {
     let corners = front.faces.iter().map(|&(_, corners)| corners);
@@ -121,7 +123,9 @@ fn a_ball_with_little_work_stays_out_and_comes_along() {
                 // The faces that stop a ball, three, are gone through twice, whatever the work.
                 assert!(spent <= most.max(24), "{name}: {spent} of {most}");
                 cut += usize::from(advance.is_cut);
-                let clearance = distances(&front, short.position()).fold(f64::INFINITY, f64::min);
+                // No number is no clearance.
+                let nearness = distances(&front, short.position()).map(|d| -d);
+                let clearance = -nearness.fold(f64::NEG_INFINITY, max_or_nan);
                 let least = (1.0 - 1e-5) * radius;
                 assert!(clearance > least, "{name}, tick {tick}: {clearance}");
                 free.advance(front.surface(), goal, u32::MAX);

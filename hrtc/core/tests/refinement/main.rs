@@ -16,3 +16,4 @@ mod memory_pressure_coarsens;
 mod refinement_under_contact;
 mod small_cache;
 mod upkeep_is_bounded;
+mod what_passes_over_a_ball_takes_it_along;

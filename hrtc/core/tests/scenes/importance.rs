@@ -34,7 +34,7 @@ fn start(importances: [f64; 2], cache_bytes: usize, slow: f64) -> World {
 /// What the contact of each probe was like: ticks at full resolution, and the mean of the certified
 /// error in metres.
 fn touch(world: &mut World) -> [(u32, f64); 2] {
-    let mut sums = [(0, 0.0); 2];
+    let (mut sums, mut contacts) = ([(0, 0.0); 2], [0u32; 2]);
     for tick in 0..APPROACH + SLIDE {
         let gap = 0.02 * (1.0 - tick as f64 / APPROACH as f64).max(0.0);
         let angle = 2.5e-3 * tick.saturating_sub(APPROACH) as f64;
@@ -45,11 +45,18 @@ fn touch(world: &mut World) -> [(u32, f64); 2] {
         if tick < APPROACH {
             continue;
         }
-        for (sum, of) in sums.iter_mut().zip(&record.probes) {
-            assert!(!of.contact || of.contact_bounded);
-            sum.0 += u32::from(of.contact_full);
-            sum.1 += of.certified_error_m / SLIDE as f64;
+        for ((sum, contacts), of) in sums.iter_mut().zip(&mut contacts).zip(&record.probes) {
+            if of.contact {
+                assert!(of.contact_bounded);
+                *contacts += 1;
+                sum.0 += u32::from(of.contact_full);
+                sum.1 += of.certified_error_m;
+            }
         }
+    }
+    for (sum, &contacts) in sums.iter_mut().zip(&contacts) {
+        assert!(2 * u64::from(contacts) > SLIDE, "{contacts} of {SLIDE}");
+        sum.1 /= f64::from(contacts);
     }
     sums
 }

@@ -8,6 +8,7 @@ use crate::common::{World, plan, spm, station, world};
 use geometry::{Pose, side_of_plane, solid_angle};
 use glam::{DQuat, DVec3};
 use haptic_device::Sample;
+use hrtc_core::record::max_or_nan;
 use scene::{ModelScale, ProbeShape, ScenePlan, TrajectoryPlan};
 use simulator::{Client, ClientOptions, Random, STATION, Simulation};
 use spm_builder::generate::{Shape, generate};
@@ -395,8 +396,9 @@ fn a_scene_scaled_up_or_down_does_the_same() {
     let reference = path(1.0);
     for size in [1e-3, 1e3] {
         let other = path(size);
+        assert_eq!(other.len(), reference.len(), "size {size}");
         let apart = reference.iter().zip(&other).map(|(a, b)| a.distance(*b));
-        let apart = apart.fold(0.0, f64::max);
+        let apart = apart.fold(0.0, max_or_nan);
         println!("size {size}: {apart:e} of the size apart");
         assert!(apart < 1e-6, "size {size}: {apart}");
     }

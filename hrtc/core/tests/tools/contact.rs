@@ -352,7 +352,7 @@ fn what_is_no_pose_is_counted_and_moves_nothing() {
     assert!(!proxy.place(&bad[0]));
 }
 
-/// With any budget the answer says whether it was enough, the node pairs stay within it, and the
+/// With any budget the answer says whether it was enough, all its work stays within it, and the
 /// tool stays on its side.
 #[test]
 fn a_budget_is_kept_and_its_end_is_told() {
@@ -369,7 +369,7 @@ fn a_budget_is_kept_and_its_end_is_told() {
                 1.0 - 0.004 * f64::from(k),
             ));
             let answer = proxy.advance(plate.surface(), &pose, budget);
-            assert!(answer.work.node_pairs <= budget);
+            assert!(answer.work.node_pairs <= budget && answer.spent <= budget);
             unfinished += usize::from(answer.ending != Ending::Complete);
             let at = proxy.pose();
             let low = mesh

@@ -231,16 +231,23 @@ fn on_an_open_sheet_a_slide_stays_on_its_side() {
         ..ask(&file, 9, 60.0)
     };
     let points = walk(&file, ask);
-    for run in points.chunk_by(|a, b| a.1 == b.1) {
-        let side = run[run.len() / 2].0.position[2].signum();
-        if run[0].1 == Leg::Slide {
-            for (point, _) in run {
-                // It may begin to round the rim before it turns.
-                let height = point.position[2] * side;
-                assert!(height > -0.5 * (ask.radius - ask.depth), "{point:?}");
-            }
+    let runs: Vec<_> = points.chunk_by(|a, b| a.1 == b.1).collect();
+    let mut slides = 0;
+    for pair in runs.windows(2) {
+        let (before, run) = (pair[0], pair[1]);
+        let from = before[before.len() - 1].0.position[2];
+        // What begins beside the rim may take either side.
+        if run[0].1 != Leg::Slide || from.abs() < 0.9 * ask.radius {
+            continue;
         }
+        for (point, _) in run {
+            // It may begin to round the rim before it turns.
+            let height = point.position[2] * from.signum();
+            assert!(height > -0.5 * (ask.radius - ask.depth), "{point:?}");
+        }
+        slides += 1;
     }
+    assert!(slides > 3, "{slides} slides");
 }
 
 #[test]

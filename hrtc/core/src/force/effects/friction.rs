@@ -320,13 +320,14 @@ mod tests {
     use super::*;
     use crate::force::effects::contact_set::{ContactSet, Push};
     use crate::force::effects::tests::Bench;
+    use crate::record::max_or_nan;
     use geometry::Wrench;
 
     const HALF_M: f64 = 0.01;
 
-    /// Wrench and work of the friction of a tool on four corners, over a path of turns and
-    /// displacements of its proxy, with the device below.
-    fn work_of(account: Option<EnergyAccount>, stays: bool) -> f64 {
+    /// The most work, joules, and the largest torque, N m, of the friction of a tool on four
+    /// corners, over a path of turns and displacements of its proxy, with the device below.
+    fn work_of(account: Option<EnergyAccount>, stays: bool) -> [f64; 2] {
         let plan = FrictionPlan {
             static_: 0.4,
             dynamic: 0.3,
@@ -335,6 +336,7 @@ mod tests {
         let mut set = ContactSet::default();
         let mut bench = Bench::new(HALF_M);
         let (mut wrench, mut worst, mut joules) = (Wrench::ZERO, f64::NEG_INFINITY, 0.0);
+        let mut felt = 0.0;
         for tick in 0..20_000u32 {
             let t = 1e-3 * f64::from(tick);
             // Some sixty turns a second, of less than what slides, or of more.
@@ -347,7 +349,7 @@ mod tests {
             };
             let motion = placement(&before).to(&placement(&bench.pose));
             joules += wrench.force.dot(motion.linear) + wrench.torque.dot(motion.angular);
-            worst = joules.max(worst);
+            worst = max_or_nan(worst, joules);
             bench.step();
             let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
             let pushes = corners.map(|(x, y)| Push {
@@ -359,8 +361,9 @@ mod tests {
             let mut contacts = set.track(&sample, DVec3::Z * 2.0);
             friction.render(&sample, contacts.all(), 1.0, &mut out);
             wrench = out.passive;
+            felt = max_or_nan(felt, wrench.torque.length());
         }
-        worst
+        [worst, felt]
     }
 
     /// A sampled spring puts out energy where it is turned to and fro: that of torques too is
@@ -369,9 +372,10 @@ mod tests {
     fn friction_puts_out_no_energy_where_a_tool_turns() {
         for stays in [true, false] {
             let account = EnergyAccount::new(0.0, 1e-3);
-            let limited = work_of(Some(account), stays);
-            let free = work_of(None, stays);
+            let [limited, felt] = work_of(Some(account), stays);
+            let [free, felt_free] = work_of(None, stays);
             println!("{limited} J, {free} J without the limit");
+            assert!(felt > 1e-3 && felt_free > 1e-3, "{felt} {felt_free} N m");
             assert!(limited < 1e-5, "{limited} J put out");
             assert!(!stays || free > 1e-3, "{free} J: nothing to limit");
         }
@@ -415,7 +419,7 @@ mod tests {
         let turn = (0..1800).map(|k| glam::DQuat::from_rotation_z(f64::from(k) * 1e-3) * DVec3::X);
         let forces = forces_along(slide.chain(turn).map(|along| (along * step_m, 1.0)));
         let largest = forces.windows(2).map(|pair| pair[0].distance(pair[1]));
-        let largest = largest.fold(0.0, f64::max);
+        let largest = largest.fold(0.0, max_or_nan);
         assert!(largest < 2.0 * 800.0 * step_m, "{largest} N in a tick");
         assert!(forces[1000].length() > 0.7, "{}", forces[1000]);
     }

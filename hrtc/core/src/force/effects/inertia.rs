@@ -71,25 +71,52 @@ impl Inertia {
 mod tests {
     use super::*;
 
+    const PLAN: InertiaPlan = InertiaPlan {
+        mass_kg: 0.2,
+        stiffness_n_per_m: 400.0,
+        damping_ns_per_m: 4.0,
+    };
+
     #[test]
     fn an_accelerated_device_gets_the_force_of_inertia() {
-        let (mass_kg, a, period) = (0.2, 3.0, 1e-3);
-        let mut inertia = Inertia::new(InertiaPlan {
-            mass_kg,
-            stiffness_n_per_m: 400.0,
-            damping_ns_per_m: 4.0,
-        });
+        let (a, period) = (3.0, 1e-3);
+        let mut inertia = Inertia::new(PLAN);
         let mut force = DVec3::ZERO;
         for tick in 0..5000 {
             let t = period * f64::from(tick);
             let (place, speed) = (DVec3::X * (0.5 * a * t * t), DVec3::X * (a * t));
             force = inertia.force(place, speed, (1, period));
         }
-        assert!(force.distance(DVec3::NEG_X * mass_kg * a) < 1e-3, "{force}");
+        assert!(
+            force.distance(DVec3::NEG_X * PLAN.mass_kg * a) < 1e-3,
+            "{force}"
+        );
         // With the device at rest the mass comes to rest.
         for _ in 0..5000 {
             force = inertia.force(DVec3::ZERO, DVec3::ZERO, (1, period));
         }
         assert!(force.length() < 1e-6, "{force}");
+    }
+
+    #[test]
+    fn an_even_motion_stays_without_force_through_a_stall_of_any_length() {
+        let (speed, period) = (DVec3::X * 0.1, 1e-3);
+        for periods in [2, 19, 20, 21, 300, 60_000] {
+            let mut inertia = Inertia::new(PLAN);
+            let mut tick = 0u64;
+            let mut force_after = |elapsed: u64| {
+                tick += elapsed;
+                let place = speed * (period * tick as f64);
+                inertia.force(place, speed, (elapsed, period))
+            };
+            // Until the mass moves as the device does.
+            for _ in 0..5000 {
+                force_after(1);
+            }
+            for elapsed in [periods, 1] {
+                let force = force_after(elapsed);
+                assert!(force.length() < 1e-6, "{periods} periods: {force}");
+            }
+        }
     }
 }

@@ -5,6 +5,7 @@ use super::*;
 use crate::testing::Counted;
 use crate::tour::make_tour;
 use crate::tuning::service::MANY_CREDIT;
+use crate::tuning::tour::MAX_KEPT_POINTS;
 use proptest::prelude::*;
 use protocol::{TourAsk, TourPoint, tour_points};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -219,6 +220,7 @@ fn a_tour_longer_than_what_is_kept_arrives_whole_every_time() {
         ..tour_ask(1, 700.0)
     };
     let truth = make_tour(&open(), ask).unwrap();
+    assert!(truth.len() > MAX_KEPT_POINTS);
     for _ in 0..2 {
         ask_tour(&mut server, &mut client, ask);
         let mut points = Vec::new();
