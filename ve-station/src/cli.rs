@@ -290,8 +290,8 @@ fn build(
 }
 
 fn generate_mesh(shape: Shape, faces: u32, seed: u64, output: &Path) -> Result<(), Box<dyn Error>> {
-    let mesh = generate::generate(shape, faces, seed);
-    spm_builder::write_mesh(&mesh, output)?;
+    let make = || generate::generate(shape, faces, seed);
+    let mesh = spm_builder::make_mesh_file(output, make)?;
     print(&format!(
         "{shape}: {} vertices, {} faces, seed {seed}, in {}",
         mesh.positions.len(),

@@ -6,11 +6,12 @@
 //! rename, and one builds at a time: of two stations that need the same model the second waits.
 
 use crate::file_bytes::FileBytes;
+use crate::tuning::models::NAME_CHARS;
 use protocol::Request;
 use scene::{ModelSource, ScenePlan};
 use spm::{FORMAT_VERSION, FileError, SpmFile};
 use spm_builder::generate::{self, Shape};
-use spm_builder::{BUILDER_VERSION, BuildError, BuildOptions, Progress};
+use spm_builder::{BUILDER_VERSION, BuildError, BuildOptions, MeshFormat, Progress};
 use station_core::station::{ServedModel, ServedObject};
 use std::collections::BTreeMap;
 use std::fs::{self, File};
@@ -50,6 +51,12 @@ pub enum DatabaseError {
         first: PathBuf,
         /// The file of the other.
         second: PathBuf,
+    },
+    /// A mesh file is another one than it was a moment ago.
+    #[error("the model {} was replaced while it was opened: start again", path.display())]
+    Changed {
+        /// The file.
+        path: PathBuf,
     },
     /// It cannot be built.
     #[error("{0}")]
@@ -181,22 +188,37 @@ fn open_mesh(
     cache: &Path,
     progress: &dyn Progress,
 ) -> Result<SpmFile<FileBytes>, DatabaseError> {
-    let content = read_model(path)?;
-    let mut hash = Xxh3Default::new();
-    hash.update(content.as_ref());
-    drop(content);
-    // The ending decides how the bytes are read.
-    let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
-    hash.update(ending.as_encoded_bytes());
-    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    let content = format!("{stem}-{:016x}", hash.digest());
+    let content = content_name(path, read_model(path)?.as_ref());
     open_cached(cache, &content, progress, &|output| {
-        let mesh = spm_builder::read_mesh(path).map_err(|e| e.in_file(path))?;
+        let in_file = |error: BuildError| error.in_file(path);
+        let format = MeshFormat::of(path).ok_or(BuildError::UnknownFormat);
+        let format = format.map_err(in_file)?;
+        // Who waited for another build may find another file by now.
+        let bytes = read_model(path)?;
+        if content_name(path, bytes.as_ref()) != content {
+            return Err(DatabaseError::Changed {
+                path: path.to_owned(),
+            });
+        }
+        let mesh = spm_builder::read_mesh_bytes(bytes.as_ref(), format).map_err(in_file)?;
+        drop(bytes);
         build_into(mesh, output, progress).map_err(|e| match e {
             DatabaseError::Build(error) => error.in_file(path).into(),
             other => other,
         })
     })
+}
+
+/// The name of a mesh file's content in the cache: how the file is called, and a hash.
+fn content_name(path: &Path, content: &[u8]) -> String {
+    let mut hash = Xxh3Default::new();
+    hash.update(content);
+    // The ending decides how the bytes are read.
+    let ending = path.extension().unwrap_or_default().to_ascii_lowercase();
+    hash.update(ending.as_encoded_bytes());
+    let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    let stem: String = stem.chars().take(NAME_CHARS).collect();
+    format!("{stem}-{:016x}", hash.digest())
 }
 
 fn build_into(
@@ -241,12 +263,13 @@ fn open_cached(
         return Ok(file);
     }
     remove_remains(cache, content, &path).map_err(failed)?;
+    spm_builder::try_output(&path).map_err(failed)?;
     make(&path)?;
     open_spm(&path)
 }
 
-/// Removes temporary files of builds that were killed (none runs: the lock is held), and what
-/// another version made of the same content.
+/// Removes temporary files of processes that were killed, and what another version made of the same
+/// content.
 fn remove_remains(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
     let is_version = |text: &str| {
         let numbers = text.strip_prefix('b').and_then(|t| t.split_once('f'));
@@ -259,12 +282,18 @@ fn remove_remains(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
             .strip_prefix(content)
             .and_then(|rest| rest.strip_prefix('-')?.strip_suffix(".spm"));
         let is_old = version.is_some_and(is_version) && path != keep;
-        if is_old || name.starts_with(spm_builder::TEMPORARY_PREFIX) {
+        let is_temporary = name.starts_with(spm_builder::TEMPORARY_PREFIX);
+        if is_old || is_temporary && !is_locked(&path) {
             // Another user's, or gone meanwhile: it is only room.
             let _ = fs::remove_file(&path);
         }
     }
     Ok(())
+}
+
+/// Whether a process has a file locked, as one that it writes.
+fn is_locked(path: &Path) -> bool {
+    File::open(path).is_ok_and(|file| file.try_lock().is_err())
 }
 
 fn cache_error(path: &Path, error: io::Error) -> DatabaseError {

@@ -21,22 +21,29 @@ pub enum FileBytes {
 }
 
 impl FileBytes {
-    /// Reads or maps a whole file; a folder is an error.
+    /// Reads or maps a whole file.
     ///
     /// # Errors
-    /// When the operating system says no, or the file changes its length while it is read.
+    /// When it is no file, the operating system says no, or the file changes its length while it is
+    /// read.
     pub fn open(path: &Path) -> io::Result<Self> {
         Self::open_below(path, MAX_READ_BYTES)
     }
 
     fn open_below(path: &Path, largest: u64) -> io::Result<Self> {
-        let mut file = File::open(path)?;
-        let metadata = file.metadata()?;
+        // Before it is opened: a pipe would wait for who writes it.
+        let metadata = std::fs::metadata(path)?;
         if metadata.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into());
         }
-        if metadata.len() <= largest {
-            let length = metadata.len() as usize;
+        if !metadata.is_file() {
+            let kind = io::ErrorKind::InvalidInput;
+            return Err(io::Error::new(kind, "this is no file"));
+        }
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        if length <= largest {
+            let length = length as usize;
             let mut words = vec![0u64; length.div_ceil(8)];
             file.read_exact(&mut bytemuck::cast_slice_mut(&mut words)[..length])?;
             return Ok(Self::Read(words, length));
@@ -64,6 +71,25 @@ impl AsRef<[u8]> for FileBytes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::time::Duration;
+
+    #[test]
+    fn a_pipe_is_refused_and_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        if !made.is_ok_and(|status| status.success()) {
+            println!("skipped: there is no mkfifo");
+            return;
+        }
+        let (sender, opened) = std::sync::mpsc::channel();
+        std::thread::spawn(move || sender.send(FileBytes::open(&pipe).map(|_| ())));
+        // So long only where it waits for a writer that never comes.
+        let error = opened.recv_timeout(Duration::from_secs(60));
+        let error = error.expect("it does not wait").unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidInput);
+        assert_eq!(error.to_string(), "this is no file");
+    }
 
     #[test]
     fn a_file_that_is_cut_short_or_overwritten_stays_what_it_was_when_it_was_opened() {

@@ -64,6 +64,9 @@ pub mod models {
     pub const BUILD_STACK_BYTES: usize = 8 << 20;
     /// The largest file that is read into memory: 1 GiB, a model of twelve million faces.
     pub const MAX_READ_BYTES: u64 = 1 << 30;
+    /// Characters of a mesh file's name that stand in that of its model: at four bytes each, and
+    /// with 40 for the rest, they fit the 255 of a file's name.
+    pub const NAME_CHARS: usize = 32;
 }
 
 /// `ve-station inspect`.

@@ -145,9 +145,10 @@ impl Drop for Viewer {
     }
 }
 
-/// Whether somebody has the file locked, as who writes a recording.
+/// Whether somebody shares the lock of a file, as who writes a recording. (Who looks whether it is
+/// free has the lock alone, for a moment.)
 fn is_written(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| file.try_lock().is_err())
+    File::open(path).is_ok_and(|file| file.try_lock().is_err() && file.try_lock_shared().is_ok())
 }
 
 #[cfg(test)]
@@ -155,6 +156,18 @@ mod tests {
     use super::*;
     use std::cell::RefCell;
     use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn who_looks_at_a_lock_does_not_write() {
+        let folder = tempfile::tempdir().expect("there is a folder");
+        let paths = ["looked", "written", "free"].map(|name| folder.path().join(name));
+        let files = paths
+            .each_ref()
+            .map(|path| File::create(path).expect("it is written"));
+        files[0].try_lock().expect("nobody has it");
+        files[1].try_lock_shared().expect("nobody has it");
+        assert_eq!(paths.map(|path| is_written(&path)), [false, true, false]);
+    }
 
     #[test]
     fn each_recording_of_the_scene_that_is_written_is_shown_once() {

@@ -9,12 +9,12 @@ use crate::mesh::SoupMesh;
 use crate::order;
 use crate::progress::Progress;
 use crate::simplify;
-use crate::write::{check_room, write_spm_file};
+use crate::write::{check_room, try_output, write_spm_file};
 use spm::{ErrorScale, SpmParts};
 use std::path::Path;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 17;
+pub const BUILDER_VERSION: u32 = 18;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -97,13 +97,14 @@ pub fn build_file(
 ) -> Result<BuildReport, BuildError> {
     options.check()?;
     let in_input = |e: BuildError| e.in_file(input);
+    let in_output = |e| BuildError::Io(e).in_file(output);
+    try_output(output).map_err(in_output)?;
     progress.phase("reading", 0);
     let mesh = read_mesh(input).map_err(in_input)?;
     check_room(output, mesh.triangles.len() as u64)?;
     let parts = build_model(mesh, options, progress).map_err(in_input)?;
     progress.phase("writing", 0);
-    let file_bytes =
-        write_spm_file(&parts, output).map_err(|e| BuildError::Io(e).in_file(output))?;
+    let file_bytes = write_spm_file(&parts, output).map_err(in_output)?;
     Ok(BuildReport { parts, file_bytes })
 }
 
@@ -111,6 +112,8 @@ pub fn build_file(
 mod tests {
     use super::*;
     use crate::progress::NoProgress;
+    use crate::write::write_mesh;
+    use std::cell::Cell;
 
     /// A relief of whole numbers over a square, and a fan: no function of a library decides a bit.
     fn mesh() -> SoupMesh {
@@ -141,6 +144,35 @@ mod tests {
         mesh
     }
 
+    /// Counts the phases that a build goes through.
+    #[derive(Default)]
+    struct Phases(Cell<u32>);
+
+    impl Progress for Phases {
+        fn phase(&self, _: &'static str, _: u64) {
+            self.0.set(self.0.get() + 1);
+        }
+        fn done(&self, _: u64) {}
+    }
+
+    #[test]
+    fn an_output_that_cannot_be_written_is_named_before_anything_is_done() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        write_mesh(&mesh(), &at("good.ply")).unwrap();
+        std::fs::create_dir(at("folder.spm")).unwrap();
+        let phases = Phases::default();
+        let options = BuildOptions::default();
+        let build = |output: &str| build_file(&at("good.ply"), &at(output), &options, &phases);
+        for output in ["nowhere/out.spm", "folder.spm"] {
+            let sentence = build(output).unwrap_err().to_string();
+            assert!(sentence.contains(output), "{sentence}");
+            assert_eq!(phases.0.get(), 0, "{output}");
+        }
+        build("out.spm").unwrap();
+        assert!(phases.0.get() > 0);
+    }
+
     /// A cache keeps what another builder made under its version: whoever changes what is built
     /// raises [`BUILDER_VERSION`], and notes here what it makes now.
     #[test]
@@ -151,6 +183,6 @@ mod tests {
         };
         let parts = build_model(mesh(), &options, &NoProgress).unwrap();
         let made = (BUILDER_VERSION, format!("{:016x}", parts.header.model));
-        assert_eq!(made, (17, "2e8d8eec2eecb80b".to_owned()));
+        assert_eq!(made, (18, "2e8d8eec2eecb80b".to_owned()));
     }
 }

@@ -53,9 +53,14 @@ pub enum BuildError {
     TooLarge(u64),
     /// A polygon that takes too long to cut.
     #[error(
-        "this mesh has a polygon of {0} corners that is not convex, more than the {MAX_CORNERS} that are cut into triangles: cut it into smaller ones"
+        "face {face} of this mesh is a polygon of {corners} corners that is not convex, more than the {MAX_CORNERS} that are cut into triangles: cut it into smaller ones"
     )]
-    LargePolygon(usize),
+    LargePolygon {
+        /// The polygon, counted from 1 among the faces of the file.
+        face: usize,
+        /// Its corners.
+        corners: usize,
+    },
     /// The disk is too full.
     #[error(
         "a model of {faces} faces may need {needed} bytes in {}, where only {free} are free: make room there, or choose another folder (-o of build, HRTC_CACHE of a scene)",

@@ -23,6 +23,7 @@ mod thesis;
 
 use crate::error::{BuildError, MAX_FACES};
 use crate::mesh::SoupMesh;
+use polygon::TooManyCorners;
 use std::path::Path;
 
 /// A soup while it is read. Polygons are fans until all positions are known, since a file may name
@@ -57,7 +58,11 @@ impl Soup {
             positions,
             triangles,
         } = &mut self.mesh;
+        // Triangles beyond one for each face so far.
+        let mut more = 0;
         for (first, corners) in self.polygons {
+            let face = first - more + 1;
+            more += corners as usize - 3;
             let fan = &mut triangles[first..first + corners as usize - 2];
             let numbers: Vec<u32> = [fan[0][0], fan[0][1]]
                 .into_iter()
@@ -70,7 +75,9 @@ impl Soup {
             let Some(points) = points else {
                 continue;
             };
-            if let Some(cut) = polygon::triangulate(&points)? {
+            let cut = polygon::triangulate(&points)
+                .map_err(|TooManyCorners(corners)| BuildError::LargePolygon { face, corners })?;
+            if let Some(cut) = cut {
                 for (triangle, corners) in fan.iter_mut().zip(cut) {
                     *triangle = corners.map(|corner| numbers[corner]);
                 }

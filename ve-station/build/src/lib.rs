@@ -48,6 +48,6 @@ pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use mesh::SoupMesh;
 pub use progress::{NoProgress, Progress, TerminalProgress};
 pub use write::{
-    MeshWriteError, TEMPORARY_PREFIX, check_room, max_spm_bytes, write_atomically, write_mesh,
-    write_ply, write_spm_file,
+    MeshWriteError, TEMPORARY_PREFIX, check_room, make_mesh_file, max_spm_bytes, try_output,
+    write_atomically, write_mesh, write_ply, write_spm_file,
 };

@@ -35,7 +35,7 @@ use crate::manifold::ManifoldMesh;
 use crate::progress::Progress;
 use crate::tuning::regions::{
     CELLS_A_FACE, FACES_A_REGION, FACES_A_TASK, MAX_SEARCHES, REGIONS_A_BATCH, REGIONS_A_TURN,
-    SURELY_TOO_MANY,
+    SURELY_TOO_MANY, TYPICAL_FACES,
 };
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
@@ -44,8 +44,8 @@ use spm::{BaseFace, BaseVertex};
 use spm::{NONE, RegionGrid, RegionId, VspRecord};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// The coarsest grid whose occupied regions own no more than that at median, or the finest whose
-/// faces are not scattered over too many.
+/// The coarsest grid whose occupied regions own no more than that at median, and not many more
+/// where most faces are; or the finest whose faces are not scattered over too many.
 pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<RegionGrid> {
     let mut divisions = 1;
     let mut coarser = None;
@@ -60,7 +60,7 @@ pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<R
             if owned.pairs > CELLS_A_FACE * mesh.triangles.len() && coarser.is_some() {
                 return coarser;
             }
-            if owned.median <= FACES_A_REGION {
+            if owned.median <= FACES_A_REGION && owned.typical <= TYPICAL_FACES {
                 return Some(grid);
             }
         }
@@ -78,6 +78,9 @@ struct Owned {
     pairs: usize,
     /// Faces of an occupied region at median.
     median: f64,
+    /// Faces of the region in which the median face lies: a floor of two triangles occupies many
+    /// regions, and what stands on it a few.
+    typical: f64,
 }
 
 impl Owned {
@@ -93,11 +96,16 @@ impl Owned {
         let mut owners: Vec<u32> = chunks.flat_map_iter(owners_of).collect();
         owners.par_sort_unstable();
         let mut counts: Vec<usize> = owners.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
-        let middle = counts.len() / 2;
-        counts.select_nth_unstable(middle);
+        counts.sort_unstable();
+        let mut passed = 0usize;
+        let typical = counts.iter().copied().find(|count| {
+            passed += count;
+            2 * passed > owners.len()
+        });
         Self {
             pairs: owners.len(),
-            median: counts[middle] as f64,
+            median: counts[counts.len() / 2] as f64,
+            typical: typical.unwrap_or(0) as f64,
         }
     }
 }
@@ -480,6 +488,7 @@ fn bounds_miss_box(boxes: [Aabb; 3], lower: DVec3, upper: DVec3) -> bool {
 mod tests {
     use super::*;
     use crate::clean::clean;
+    use crate::generate::{Shape, generate};
     use crate::manifold::cut_to_manifold;
     use crate::mesh::SoupMesh;
     use crate::order;
@@ -541,17 +550,39 @@ mod tests {
             ];
             mesh.triangles.extend(sides);
         }
+        ordered(mesh)
+    }
+
+    fn ordered(mesh: SoupMesh) -> ManifoldMesh {
         order::in_tree_order(cut_to_manifold(&clean(mesh).unwrap()))
+    }
+
+    fn grid_of(mesh: &ManifoldMesh) -> RegionGrid {
+        let bounds = crate::assemble::bounds_of(mesh);
+        default_grid(bounds.lower.as_dvec3(), bounds.upper.as_dvec3(), mesh).unwrap()
+    }
+
+    #[test]
+    fn a_small_object_on_a_large_floor_is_shared_out_among_regions() {
+        let mut mesh = generate(Shape::Sphere, 20_000, 1);
+        let first = mesh.positions.len() as u32;
+        let corners = [[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]];
+        let corners = corners.map(|[x, y]| [x, y, -2.0]);
+        mesh.positions.extend(corners);
+        let floor = [[0, 1, 2], [0, 2, 3]];
+        mesh.triangles.extend(floor.map(|t| t.map(|k| first + k)));
+        let mesh = ordered(mesh);
+        let owned = Owned::count(&grid_of(&mesh), &mesh);
+        assert!(owned.typical <= TYPICAL_FACES, "{}", owned.typical);
+        assert!(owned.pairs <= CELLS_A_FACE * mesh.triangles.len());
     }
 
     #[test]
     fn what_regions_own_grows_with_the_faces_of_a_fan_and_not_with_their_square() {
         for ring in [500, 1000, 2000, 4000, 8000, 16_000] {
             let mesh = cylinder(ring);
-            let bounds = crate::assemble::bounds_of(&mesh);
-            let (lower, upper) = (bounds.lower.as_dvec3(), bounds.upper.as_dvec3());
-            let grid = default_grid(lower, upper, &mesh).unwrap();
-            let Owned { pairs, median } = Owned::count(&grid, &mesh);
+            let grid = grid_of(&mesh);
+            let Owned { pairs, median, .. } = Owned::count(&grid, &mesh);
             println!(
                 "{ring}: {} divisions, {pairs} pairs, median {median}",
                 grid.divisions

@@ -92,20 +92,21 @@ impl<'a> Lines<'a> {
         }
     }
 
-    /// The corners inside an edge of a flat triangle, from `a` to `b`.
-    fn between(&self, a: u32, b: u32) -> Vec<u32> {
+    /// The corners inside an edge of a flat triangle, along its line, and whether that leads from
+    /// `b` to `a`.
+    fn between(&self, a: u32, b: u32) -> (&[u32], bool) {
         let edge = self.places.edge(a, b);
         let Ok(at) = self.edges.binary_search_by_key(&edge, |of| of.0) else {
-            return Vec::new();
+            return (&[], false);
         };
         let Line { axis, vertices } = &self.lines[self.edges[at].1];
         let along = |v: u32| self.places.positions[v as usize][*axis];
         let rank = |v: u32| vertices.partition_point(|&of| along(of) < along(v));
         let (first, last) = (rank(a), rank(b));
         if first < last {
-            vertices[first + 1..last].to_vec()
+            (&vertices[first + 1..last], false)
         } else {
-            vertices[last + 1..first].iter().rev().copied().collect()
+            (&vertices[last + 1..first], true)
         }
     }
 
@@ -114,16 +115,24 @@ impl<'a> Lines<'a> {
         let mut left = vec![face];
         while let Some(face) = left.pop() {
             let side = (0..3).find_map(|k| {
-                let between = self.between(face[k], face[(k + 1) % 3]);
-                (!between.is_empty() && between.len() <= *room).then_some((k, between))
+                let (inside, is_reversed) = self.between(face[k], face[(k + 1) % 3]);
+                let is_used = !inside.is_empty() && inside.len() <= *room;
+                // Copied only then: a line may have many faces, and each of them much of it inside.
+                is_used.then(|| {
+                    let mut inside = inside.to_vec();
+                    if is_reversed {
+                        inside.reverse();
+                    }
+                    (k, inside)
+                })
             });
-            let Some((k, between)) = side else {
+            let Some((k, inside)) = side else {
                 out.push(face);
                 continue;
             };
-            *room -= between.len();
+            *room -= inside.len();
             let [mut start, end, third] = [0, 1, 2].map(|of| face[(k + of) % 3]);
-            for corner in between.into_iter().chain([end]) {
+            for corner in inside.into_iter().chain([end]) {
                 left.push([start, corner, third]);
                 start = corner;
             }

@@ -65,6 +65,10 @@ pub mod regions {
     /// divides it by three to four, so 40 to 140 come out; larger regions refine what the probe
     /// never touches (the dragon with 156 took twice the splits a tick that it takes with 42).
     pub const FACES_A_REGION: f64 = 140.0;
+    /// The most faces of the region in which the median face lies. Where faces are even that region
+    /// is near the median one, and the grid stays; what stands on a large floor gets regions of its
+    /// own size. Four: what halving the cells of a surface divides by.
+    pub const TYPICAL_FACES: f64 = 4.0 * FACES_A_REGION;
     /// The most cells that a face may overlap at mean: many times the two of scans and shapes of
     /// even triangles. Where all are long slivers, as those round the middle of a cylinder's cap,
     /// cells half as large own half as many faces, but each face is in twice as many cells: what
@@ -86,9 +90,9 @@ pub mod regions {
 pub mod write {
     /// Bytes of an SPM file for each face of its mesh at the most, with the regions of the default.
     /// Closed surfaces need 70 to 82, strips and separate triangles more: the test
-    /// `no_file_is_longer_than_its_bound` prints what it measures. (Only slivers that cross many
-    /// cells each need more, 177 of a cylinder with 12 000 faces round each cap's middle; of those
-    /// a full disk is told when they are written.)
+    /// `no_file_is_longer_than_its_bound` prints what it measures. (Only slivers and large
+    /// faces that cross many cells each need more, 177 of a cylinder with 12 000 faces round each
+    /// cap's middle; of those a full disk is told when they are written.)
     pub const MAX_BYTES_A_FACE: u64 = 160;
     /// Bytes of an SPM file beside that at the most: header, and whole blocks.
     pub const MAX_BYTES_BESIDE: u64 = 16 << 10;

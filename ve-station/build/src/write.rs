@@ -2,13 +2,15 @@
 
 mod mesh_file;
 
-pub use mesh_file::{MeshWriteError, write_mesh, write_ply};
+pub use mesh_file::{MeshWriteError, make_mesh_file, write_mesh, write_ply};
 
 use crate::error::BuildError;
 use crate::tuning::write::{MAX_BYTES_A_FACE, MAX_BYTES_BESIDE};
 use spm::{SpmParts, write_spm};
+use std::fs::File;
 use std::io;
 use std::path::Path;
+use tempfile::NamedTempFile;
 
 /// Bytes of the SPM file of a mesh at the most.
 #[must_use]
@@ -21,6 +23,9 @@ pub fn max_spm_bytes(faces: u64) -> u64 {
 /// # Errors
 /// When it has not. A folder that says nothing of its room is no error: writing will tell.
 pub fn check_room(output: &Path, faces: u64) -> Result<(), BuildError> {
+    if is_stream(output) {
+        return Ok(());
+    }
     let folder = folder_of(output);
     let Ok(system) = rustix::fs::statvfs(folder) else {
         return Ok(());
@@ -46,6 +51,25 @@ fn folder_of(file: &Path) -> &Path {
     }
 }
 
+/// Whether this is there and neither a file nor a folder: a pipe, a device.
+fn is_stream(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|of| !of.is_file() && !of.is_dir())
+}
+
+/// Checks that a file can be written, before anything is made for it.
+///
+/// # Errors
+/// When it is a folder, or its own folder is missing or takes no file.
+pub fn try_output(output: &Path) -> io::Result<()> {
+    if is_stream(output) {
+        return Ok(());
+    }
+    if output.is_dir() {
+        return Err(io::ErrorKind::IsADirectory.into());
+    }
+    temporary_beside(output).map(drop)
+}
+
 /// Writes an SPM file: to a temporary file beside it, renamed when whole. Returns its length.
 ///
 /// # Errors
@@ -54,25 +78,46 @@ pub fn write_spm_file(parts: &SpmParts, output: &Path) -> io::Result<u64> {
     write_atomically(output, |out| write_spm(parts, out))
 }
 
-/// How the names of temporary files begin; one that is left belongs to a build that was killed.
+/// How the names of temporary files begin; one that nobody has locked is left of a process that was
+/// killed.
 pub const TEMPORARY_PREFIX: &str = ".ve-station-";
 
-/// Writes a file through a temporary one in the same folder, renamed when whole.
+/// Writes a file through a temporary one in the same folder, renamed when whole; a pipe or a device
+/// is written into, since a renamed file would take its place.
+///
+/// # Errors
+/// When the folder takes no file, or the output fails.
 pub fn write_atomically<T>(
     output: &Path,
-    write: impl FnOnce(&mut io::BufWriter<&std::fs::File>) -> io::Result<T>,
+    write: impl FnOnce(&mut io::BufWriter<&File>) -> io::Result<T>,
 ) -> io::Result<T> {
-    let temporary = tempfile::Builder::new()
-        .prefix(TEMPORARY_PREFIX)
-        .permissions(readable_by_all())
-        .tempfile_in(folder_of(output))?;
-    let mut out = io::BufWriter::new(temporary.as_file());
-    let written = write(&mut out)?;
-    io::Write::flush(&mut out)?;
-    drop(out);
+    if is_stream(output) {
+        return write_into(&File::options().write(true).open(output)?, write);
+    }
+    let temporary = temporary_beside(output)?;
+    // Who cleans up leaves alone what is locked, and everything where there are no locks.
+    let _ = temporary.as_file().try_lock();
+    let written = write_into(temporary.as_file(), write)?;
     temporary.as_file().sync_all()?;
     temporary.persist(output).map_err(|e| e.error)?;
     Ok(written)
+}
+
+fn write_into<T>(
+    file: &File,
+    write: impl FnOnce(&mut io::BufWriter<&File>) -> io::Result<T>,
+) -> io::Result<T> {
+    let mut out = io::BufWriter::new(file);
+    let written = write(&mut out)?;
+    io::Write::flush(&mut out)?;
+    Ok(written)
+}
+
+fn temporary_beside(output: &Path) -> io::Result<NamedTempFile> {
+    tempfile::Builder::new()
+        .prefix(TEMPORARY_PREFIX)
+        .permissions(readable_by_all())
+        .tempfile_in(folder_of(output))
 }
 
 /// What a plain new file gets before the umask: a temporary one would be private.
@@ -85,6 +130,8 @@ mod tests {
     use super::*;
     use crate::generate::{Shape, generate};
     use crate::{BuildOptions, NoProgress, SoupMesh, build_model};
+    use std::io::{Read, Write};
+    use std::os::unix::fs::FileTypeExt;
 
     /// A strip of triangles, each of which shares an edge with the next.
     fn strip(faces: u32) -> SoupMesh {
@@ -110,6 +157,27 @@ mod tests {
             positions: (0..faces).flat_map(corners).collect(),
             triangles: (0..faces).map(|k| [3 * k, 3 * k + 1, 3 * k + 2]).collect(),
         }
+    }
+
+    #[test]
+    fn a_pipe_gets_what_is_written_and_stays_a_pipe() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("pipe");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        if !made.is_ok_and(|status| status.success()) {
+            println!("skipped: there is no mkfifo");
+            return;
+        }
+        // With a reader and a writer nobody waits; the pipe holds what is written.
+        let both = File::options().read(true).write(true).open(&pipe);
+        let mut both = both.unwrap();
+        assert!(try_output(&pipe).is_ok());
+        write_atomically(&pipe, |out| out.write_all(b"whole")).unwrap();
+        assert!(std::fs::metadata(&pipe).unwrap().file_type().is_fifo());
+        let mut read = [0; 5];
+        both.read_exact(&mut read).unwrap();
+        assert_eq!(&read, b"whole");
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 use super::*;
 use spm_builder::NoProgress;
 use spm_builder::write_mesh;
+use std::cell::RefCell;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 fn mesh_file(folder: &Path, name: &str, shape: Shape) -> PathBuf {
@@ -54,6 +55,60 @@ fn a_mesh_file_is_built_once_and_again_when_its_content_changes() {
         first
     );
     assert_eq!(built(&cache).len(), 2);
+}
+
+/// Replaces a mesh file while its build waits for another one, and ends that.
+struct Replaces<'a> {
+    path: &'a Path,
+    other_build: RefCell<Option<File>>,
+}
+
+impl Progress for Replaces<'_> {
+    fn phase(&self, name: &'static str, _: u64) {
+        if name == "waiting for another build" {
+            write_mesh(&generate::generate(Shape::Torus, 600, 1), self.path).unwrap();
+            drop(self.other_build.take());
+        }
+    }
+    fn done(&self, _: u64) {}
+}
+
+#[test]
+fn a_mesh_file_that_is_replaced_before_its_build_is_not_cached_as_the_one_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    fs::create_dir(&cache).unwrap();
+    let path = mesh_file(folder.path(), "m.obj", Shape::Sphere);
+    let lock = File::open(&cache).unwrap();
+    lock.lock().unwrap();
+    let replaces = Replaces {
+        path: &path,
+        other_build: RefCell::new(Some(lock)),
+    };
+    let error = open_mesh(&path, &cache, &replaces).unwrap_err();
+    assert!(replaces.other_build.borrow().is_none(), "it has waited");
+    assert!(matches!(error, DatabaseError::Changed { .. }), "{error}");
+    assert!(error.to_string().contains("m.obj was replaced"), "{error}");
+    assert!(built(&cache).is_empty());
+    let torus = open_mesh(&path, &cache, &NoProgress).unwrap();
+    mesh_file(folder.path(), "m.obj", Shape::Sphere);
+    let sphere = open_mesh(&path, &cache, &NoProgress).unwrap();
+    assert_ne!(torus.model_header(), sphere.model_header());
+}
+
+#[test]
+fn a_mesh_file_with_a_long_name_is_built_once_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    let name = format!("{}.obj", "\u{fc}".repeat(120));
+    let path = mesh_file(folder.path(), &name, Shape::Sphere);
+    let [first, second] = [(); 2].map(|()| {
+        let phases = Phases::default();
+        open_mesh(&path, &cache, &phases).unwrap();
+        phases.0.into_inner()
+    });
+    assert!(first > 0);
+    assert_eq!(second, 0, "not built again");
 }
 
 #[test]
@@ -113,10 +168,14 @@ fn what_killed_builds_and_other_versions_left_is_removed_and_nothing_else() {
     for file in kept.iter().copied().chain([".ve-station-killed", &old]) {
         fs::write(cache.join(file), b"left").unwrap();
     }
+    // Somebody writes it.
+    let written = cache.join(".ve-station-written");
+    let writer = File::create(&written).unwrap();
+    writer.lock().unwrap();
     fs::remove_file(&cached).unwrap();
     open_mesh(&path, &cache, &NoProgress).unwrap();
     let mut expected: Vec<PathBuf> = kept.iter().map(|file| cache.join(file)).collect();
-    expected.push(cached);
+    expected.extend([cached, written]);
     expected.sort();
     assert_eq!(built(&cache), expected);
 }

@@ -28,7 +28,7 @@ pub enum ExportFormat {
     Obj,
     /// PLY, little-endian binary.
     Ply,
-    /// STL, binary.
+    /// STL, binary; text where the model lies far from its origin.
     Stl,
     /// OFF, text.
     Off,

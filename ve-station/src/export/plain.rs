@@ -73,7 +73,29 @@ impl Surface {
         spm_builder::write_ply(&self.positions, &self.triangles, self.single, out)
     }
 
+    /// Binary; as text where f32, which is all that a binary file has, would move the vertices.
     pub(super) fn write_stl(&self, out: &mut impl Write) -> io::Result<()> {
+        if self.single {
+            self.write_binary_stl(out)
+        } else {
+            self.write_text_stl(out)
+        }
+    }
+
+    fn write_text_stl(&self, out: &mut impl Write) -> io::Result<()> {
+        writeln!(out, "solid model")?;
+        for corners in &self.triangles {
+            // No normal: readers take it from the corners.
+            writeln!(out, "facet normal 0 0 0\nouter loop")?;
+            for p in corners.map(|v| self.positions[v as usize]) {
+                writeln!(out, "vertex {}", self.digits(p))?;
+            }
+            writeln!(out, "endloop\nendfacet")?;
+        }
+        writeln!(out, "endsolid model")
+    }
+
+    fn write_binary_stl(&self, out: &mut impl Write) -> io::Result<()> {
         // A head that does not start with "solid".
         let mut head = [b' '; 80];
         head[..10].copy_from_slice(b"binary STL");

@@ -223,7 +223,7 @@ fn a_model_far_from_its_origin_is_exported_where_it_was() {
         *p = [p[0] + 4.5e6, p[1] - 3.0e6, p[2] + 1.0e5];
     }
     write_spm_file(&build(&mesh, Some(30)), &spm).unwrap();
-    for ending in ["obj", "ply", "off", "cdpm", "spmtxt"] {
+    for ending in ["obj", "ply", "stl", "off", "cdpm", "spmtxt"] {
         let output = folder.path().join(format!("far.{ending}"));
         export(&spm, &output, None, Detail::Full).unwrap();
         let read = read_mesh(&output).unwrap();

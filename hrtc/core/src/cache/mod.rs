@@ -68,7 +68,7 @@ pub struct CacheHighWater {
 pub enum CacheError {
     /// The base mesh and one closure need more than there is.
     #[error(
-        "the cache of {bytes} bytes is too small for the model's base mesh ({base_faces} faces): set cache.bytes to at least {needed}"
+        "the cache of {bytes} bytes is too small for the model's base mesh ({base_faces} faces) and its largest closure: set cache.bytes to at least {needed}"
     )]
     TooSmall {
         /// What there is.

@@ -32,6 +32,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
         announced
     };
     if count > there {
+        // A page or a pointer instead of the file: a count of such bytes would be 150 million.
+        if bytes[..HEAD].iter().all(|&byte| byte >= b'\t') {
+            return Err(refused(
+                "it is neither a text that starts with \"solid\" nor a binary STL: copy or download the mesh itself",
+            ));
+        }
         return Err(refused(&format!(
             "it announces {announced} triangles and holds {there}: copy or export it again"
         )));

@@ -338,6 +338,37 @@ fn stl_of_an_unknown_count_is_as_long_as_it_is() {
 }
 
 #[test]
+fn a_page_or_a_pointer_in_place_of_an_stl_is_not_taken_for_a_short_one() {
+    let page = "<!DOCTYPE html>\n<html><head><title>Not found</title></head>\n<body>\n\t<p>\
+        The file that you look for is not here.</p></body></html>\n";
+    let pointer = format!(
+        "version https://git-lfs.github.com/spec/v1\noid sha256:{}\nsize 1684084\n",
+        "4d".repeat(32)
+    );
+    for text in [page, &pointer] {
+        let error = triangles_of(text.as_bytes(), "stl").unwrap_err();
+        let sentence = error.to_string();
+        assert!(sentence.contains("nor a binary STL"), "{sentence}");
+        assert!(!sentence.contains("announces"), "{sentence}");
+    }
+}
+
+#[test]
+fn a_polygon_that_is_too_large_is_named_by_its_number() {
+    let half = crate::tuning::input::MAX_CORNERS / 2 + 1;
+    // A zigzag and back again, beside itself.
+    let there = (0..half).map(|k| format!("v {k} {} 0\n", 5 * (k % 2)));
+    let back = (0..half).rev();
+    let back = back.map(|k| format!("v {k} {}.3 0\n", 5 * (k % 2)));
+    let vertices: String = there.chain(back).collect();
+    let all: String = (1..=2 * half).map(|k| format!(" {k}")).collect();
+    let text = format!("{vertices}f 1 2 3\nf 1 2 3 4\nf{all}\n");
+    let error = triangles_of(text.as_bytes(), "obj").unwrap_err();
+    let expected = format!("face 3 of this mesh is a polygon of {} corners", 2 * half);
+    assert!(error.to_string().starts_with(&expected), "{error}");
+}
+
+#[test]
 fn stl_texts_on_one_line_are_read_and_broken_ones_named() {
     let line = "SOLID a vertex\nFACET NORMAL 0 0 nan OUTER LOOP VERTEX 0 0 0 VERTEX 1 0 0 VERTEX 1 1 0 VERTEX 0 1 0 \
         ENDLOOP ENDFACET\nendsolid a loop";
