@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::{Receiver, channel};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 use transport::Domain;
 use tunnel::SUBCOMMAND;
 
@@ -78,6 +78,12 @@ impl Alone {
 impl Drop for Alone {
     fn drop(&mut self) {
         self.child.stdin = None;
+        let asked = Instant::now();
+        while matches!(self.child.try_wait(), Ok(None)) && asked.elapsed() < PATIENCE {
+            std::thread::sleep(Duration::from_secs_f64(LOOK_S));
+        }
+        // One that is blocked is ended by force; it is nothing to one that has ended.
+        let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }

@@ -189,7 +189,7 @@ impl Asked {
         };
         let mut all = Vec::new();
         all.extend(full.map(|limit| Criterion::new(Quantity::FullShare, limit, row.full_share)));
-        all.extend(common(local, row));
+        all.extend(common(Some(local), row));
         // A hand that rests follows a shorter path, which is another.
         if self.also != Also::Rests {
             let same = row.forces.and_then(|forces| forces.same_share);
@@ -217,18 +217,20 @@ impl Asked {
     }
 }
 
-/// What is asked of a controller beside others, by its touch alone over the same link.
+/// What is asked of a controller beside others, by its touch alone over the same link; where there
+/// was none, what that limits is not met.
 #[must_use]
-pub fn judge_as_alone(alone: &Row, row: &Row) -> Vec<Criterion> {
-    let limit = alone.full_share.map(|share| share - AS_LOCAL);
+pub fn judge_as_alone(alone: Option<&Row>, row: &Row) -> Vec<Criterion> {
+    let limit = alone.and_then(|alone| alone.full_share);
+    let limit = limit.map(|share| share - AS_LOCAL);
     let full = Criterion::new(Quantity::FullShare, limit, row.full_share);
     [full].into_iter().chain(common(alone, row)).collect()
 }
 
 /// What is asked of every touch, beside another.
-fn common(other: &Row, row: &Row) -> [Criterion; 3] {
-    let step = STEP_OF_LOCAL * other.force_step_per_period_n_max;
-    let step = (other.contact_ticks > 0).then_some(step);
+fn common(other: Option<&Row>, row: &Row) -> [Criterion; 3] {
+    let other = other.filter(|other| other.contact_ticks > 0);
+    let step = other.map(|other| STEP_OF_LOCAL * other.force_step_per_period_n_max);
     let seen = (row.contact_ticks > 0).then_some(row.force_step_per_period_n_max);
     [
         Criterion::new(Quantity::ForceStepN, step, seen),
@@ -357,7 +359,7 @@ mod tests {
     fn beside_others_a_controller_touches_as_alone() {
         let alone = row(9000, 0.2);
         let not_met = |row: &Row| {
-            let limits = judge_as_alone(&alone, row).into_iter();
+            let limits = judge_as_alone(Some(&alone), row).into_iter();
             let not_met = limits.filter(|limit| !limit.met);
             not_met.map(|limit| limit.quantity).collect::<Vec<_>>()
         };

@@ -93,19 +93,22 @@ fn named(args: &HostsArgs, name: &str, left_out: &mut Vec<String>) -> Option<Pat
     None
 }
 
-/// Everything that is asked, and the links of the curves that are not among them.
+/// Everything that is asked, the links of the curves that are not among them, and several
+/// controllers at once, after a touch alone over the link of each.
 fn of_bunny() -> Result<Vec<Touch>, Failure> {
-    let asked: Vec<Touch> = ASKED.iter().map(Touch::asked).collect();
-    let is_asked = |touch: &Touch| asked.iter().any(|of| of.guests == touch.guests);
-    let curves = curves().map(Touch::alone);
-    let curves: Vec<Touch> = curves.filter(|touch| !is_asked(touch)).collect();
     let guests = CONTROLLERS.map(|typed| typed.parse());
     let guests: Result<Vec<Guest>, String> = guests.into_iter().collect();
-    let together = Touch {
-        guests: guests.map_err(Failure::Input)?,
-        ask: Ask::AsAlone,
-    };
-    Ok(asked.into_iter().chain(curves).chain([together]).collect())
+    let guests = guests.map_err(Failure::Input)?;
+    let mut touches: Vec<Touch> = ASKED.iter().map(Touch::asked).collect();
+    let of_guests = guests.iter().map(|guest| guest.point);
+    for alone in curves().chain(of_guests).map(Touch::alone) {
+        if !touches.iter().any(|of| of.guests == alone.guests) {
+            touches.push(alone);
+        }
+    }
+    let ask = Ask::AsAlone;
+    touches.push(Touch { guests, ask });
+    Ok(touches)
 }
 
 /// Scene of a generated terrain.
@@ -153,7 +156,12 @@ mod tests {
             }
         }
         let bunny = &all.settings[0].touches;
-        assert!(bunny.iter().any(|touch| touch.ask == Ask::AsAlone));
+        let (together, before) = bunny.split_last().unwrap();
+        assert!(together.ask == Ask::AsAlone && together.guests.len() == 3);
+        for guest in &together.guests {
+            let alone = vec![Guest::at(guest.point)];
+            assert!(before.iter().any(|of| of.guests == alone), "{guest:?}");
+        }
         let asked = |of: &&Touch| matches!(of.ask, Ask::Link(_));
         assert_eq!(bunny.iter().filter(asked).count(), ASKED.len());
         assert_eq!(all.settings[2].touches.iter().filter(asked).count(), 1);

@@ -35,6 +35,8 @@
 //! `wire` are those of IP, of everything that the two hosts said to each other from the start of
 //! the station to its end: greeting, encryption and repetitions too; `link_bytes` has those of the
 //! messages alone, by kind. `cut` is null where no link was cut, `refused` empty where nobody came.
+//! `failed` has what came to no result: touches, and a part that failed, with which the command
+//! ends; what was measured before it is there all the same.
 
 mod alone;
 mod asked;
@@ -240,7 +242,7 @@ pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     tell(args, &run(args, plan)?)
 }
 
-/// Runs all: touches, then who is refused, then what is done to links.
+/// Runs all; a failure on the way is said beside what was measured before it.
 fn run(args: &HostsArgs, plan: Plan) -> Result<Whole, Failure> {
     let of = plan.touches();
     let mut session = Session::begin(args, of)?;
@@ -257,8 +259,26 @@ fn run(args: &HostsArgs, plan: Plan) -> Result<Whole, Failure> {
         left_out: plan.left_out,
         ..Whole::default()
     };
-    for setting in &plan.settings {
-        whole.parts.push(session.run(setting)?);
+    match measure(args, &plan.settings, &mut session, &mut whole) {
+        Ok(()) => Ok(whole),
+        Err(failure) => whole.ended_by(failure),
+    }
+}
+
+/// Touches, then who is refused, then what is done to links.
+fn measure(
+    args: &HostsArgs,
+    settings: &[Setting],
+    session: &mut Session<'_>,
+    whole: &mut Whole,
+) -> Result<(), Failure> {
+    for setting in settings {
+        let mut found = session.found(setting);
+        let ended = session.run(setting, &mut found);
+        if !found.rows.is_empty() {
+            whole.parts.push(found);
+        }
+        ended?;
     }
     if args.short || args.is_long() {
         whole.refused = session.refuse()?;
@@ -268,7 +288,7 @@ fn run(args: &HostsArgs, plan: Plan) -> Result<Whole, Failure> {
         whole.refused.extend(Refused::packets(&faults));
         whole.cut = Some(Cut::of(faults));
     }
-    Ok(whole)
+    Ok(())
 }
 
 /// Writes and prints what was found; what must not be is the failure.

@@ -12,12 +12,13 @@ use crate::report::quantile::{Quantiles, median};
 use glam::DVec3;
 use hrtc::recorder::{Entry, RecordingPlace, RecordingReader};
 use serde::Serialize;
+use std::cmp::Reverse;
 use std::path::Path;
 
 /// Largest difference of a force that counts as the same, of the local run's; and the least
 /// magnitude that the local run's counts with, of its median.
 const SAME_FORCE: f64 = 0.01;
-const LEAST_FORCE: f64 = 0.01;
+const MIN_FORCE: f64 = 0.01;
 /// Periods at the same places after which two runs are compared: the damping's velocity looks back
 /// by up to 16 ms (`VELOCITY_WINDOW_S` of the controller), at 1 kHz.
 const SAME_PERIODS: u64 = 17;
@@ -117,7 +118,7 @@ impl Recorded {
                 break;
             }
             let reader = RecordingReader::open(&file).map_err(|error| error.to_string())?;
-            let probes = reader.head().setup.position_resolutions_m.len();
+            let probes = reader.head().probes();
             recorded.probes.resize(probes, Vec::new());
             begins.resize(probes, None);
             for entry in reader {
@@ -248,7 +249,7 @@ impl Forces {
         }
         forces.full_ticks = pairs.len() as u64;
         forces.local_force_n = median(&sizes);
-        let least = LEAST_FORCE * forces.local_force_n;
+        let least = MIN_FORCE * forces.local_force_n;
         for pair in &pairs {
             let is_same = pair.difference <= SAME_FORCE * pair.own.max(least);
             forces.same_anywhere_ticks += u64::from(is_same);
@@ -295,7 +296,9 @@ fn aligned(local: &[Moment], run: &[Moment]) -> (Vec<Moment>, Vec<Moment>) {
         let pairs = at_same_period(&local, &run);
         pairs.filter(|&(a, b)| local[a].at == run[b].at).count()
     };
-    let by = (0..=2 * START_PERIODS).max_by_key(same);
+    // Of equals the smallest shift: hands that are nowhere at the same place began alike.
+    let by =
+        (0..=2 * START_PERIODS).max_by_key(|by| (same(by), Reverse(by.abs_diff(START_PERIODS))));
     let run = moved(run, by.unwrap_or(START_PERIODS));
     (local, run)
 }
@@ -401,6 +404,16 @@ mod tests {
             let forces = Forces::beside(&run(local), &run(other));
             assert_eq!((forces.full_ticks, forces.ticks), (100, 84));
         }
+    }
+
+    #[test]
+    fn hands_that_are_nowhere_at_the_same_place_are_not_shifted() {
+        let mut moments = path(100);
+        for moment in &mut moments {
+            moment.at.y = 1.0;
+        }
+        let forces = Forces::beside(&run(path(100)), &run(moments));
+        assert_eq!((forces.full_ticks, forces.ticks), (100, 0));
     }
 
     #[test]

@@ -36,10 +36,19 @@ pub struct Found {
     pub scene: Scene,
     /// Of all its touches.
     pub conditions: Conditions,
-    /// Touches that came to no result, each with its links and the reason.
+    /// What failed in touches, each with its links and the reason.
     pub failed: Vec<String>,
     /// The touches: the first on one machine, without a link.
     pub rows: Vec<Row>,
+}
+
+/// What came of a touch.
+#[derive(Debug, Default)]
+pub struct Touched {
+    /// Its controllers that came to a result.
+    pub rows: Vec<Row>,
+    /// What failed beside them, a sentence each.
+    pub failed: Vec<String>,
 }
 
 /// A touch.
@@ -294,6 +303,14 @@ fn above_zero(number: f64) -> Option<f64> {
 }
 
 impl Found {
+    /// Adds all that came of a touch, with what is asked of it.
+    pub fn take(&mut self, touched: Touched, ask: Ask) {
+        self.failed.extend(touched.failed);
+        for row in touched.rows {
+            self.add(row, ask);
+        }
+    }
+
     /// Adds a touch, with what is asked of it; the first is the one on one machine.
     pub fn add(&mut self, mut row: Row, ask: Ask) {
         if let Some(local) = self.rows.first() {
@@ -301,9 +318,7 @@ impl Found {
             row.recorded = Recorded::default();
             row.asked = match ask {
                 Ask::Link(asked) => asked.judge(local, &row),
-                Ask::AsAlone if !row.is_stopped => self
-                    .alone(&row)
-                    .map_or(Vec::new(), |alone| judge_as_alone(alone, &row)),
+                Ask::AsAlone if !row.is_stopped => judge_as_alone(self.alone(&row), &row),
                 _ => Vec::new(),
             };
         }
@@ -482,6 +497,41 @@ mod tests {
         assert_eq!(row.name(), "20 ms, 0.25 Mbit/s");
         (row.controllers, row.is_stopped) = (3, true);
         assert_eq!(row.name(), "20 ms, 0.25 Mbit/s, one of 3, stopped");
+    }
+
+    #[test]
+    fn every_controller_among_others_is_judged_by_its_touch_alone() {
+        let far = Point::new(100.0, 0.25);
+        let mut found = Found::default();
+        found.add(row(result()), Ask::Nothing);
+        found.add(row(result()).over(THIN, wire()), Ask::Nothing);
+        // The hand of this one rests, so its touch is another.
+        let mut rests = row(result()).over(far, wire());
+        rests.rests = true;
+        found.add(rests, Ask::Nothing);
+        for (point, is_stopped) in [(THIN, false), (far, false), (far, true)] {
+            let mut among = row(result()).over(point, wire());
+            (among.controllers, among.is_stopped) = (3, is_stopped);
+            found.add(among, Ask::AsAlone);
+        }
+        let met = |row: &Row| row.asked.iter().map(|of| of.met).collect::<Vec<_>>();
+        assert_eq!(met(&found.rows[3]), [true; 4]);
+        // Without a touch alone nothing says that it is as it was there.
+        assert_eq!(met(&found.rows[4]), [false, false, true, true]);
+        assert_eq!(met(&found.rows[5]), [false; 0]);
+        assert_eq!(found.wrong(), ["2 of 8 limits were not met"]);
+    }
+
+    #[test]
+    fn what_failed_in_a_touch_is_named_beside_the_rows_that_came() {
+        let mut found = Found::default();
+        let touched = Touched {
+            rows: vec![row(result())],
+            failed: vec!["the station ended".to_string()],
+        };
+        found.take(touched, Ask::Nothing);
+        assert_eq!(found.rows.len(), 1);
+        assert_eq!(found.wrong(), ["the station ended"]);
     }
 
     #[test]

@@ -97,6 +97,11 @@ impl Setting {
             touches,
         })
     }
+
+    /// Seed of losses and jitter.
+    fn seed(&self) -> u64 {
+        self.overrides.seed.unwrap_or(SEED)
+    }
 }
 
 /// What all touches of a command share.
@@ -139,18 +144,24 @@ impl<'a> Session<'a> {
     /// Touches a scene, after its models are built.
     ///
     /// # Errors
-    /// What failed, in one sentence.
-    pub fn run(&mut self, setting: &Setting) -> Result<Found, Failure> {
+    /// What failed, in one sentence; what was found before it is there.
+    pub fn run(&mut self, setting: &Setting, found: &mut Found) -> Result<(), Failure> {
+        if is_set(&self.stop) {
+            return Err(Failure::Run("ended early on request".to_string()));
+        }
         prepare_models(&setting.plan)?;
         let path = setting.file.path();
         let scene = std::path::absolute(path)
             .map_err(|error| Failure::Input(format!("{}: {error}", path.display())))?;
         let stop = Arc::clone(&self.stop);
         let bench = self.bench(setting, scene, &stop);
-        let mut found = self.found(&bench);
         self.bar.set_message("one machine");
-        found.add(bench.local()?, Ask::Nothing);
-        self.tell(&found, "one machine");
+        let local = bench.local().map_err(|error| {
+            let model = setting.plan.objects[0].model.name();
+            Failure::Run(format!("{model} on one machine: {error}"))
+        })?;
+        found.take(local, Ask::Nothing);
+        self.tell(found, "one machine");
         for touch in &setting.touches {
             let names = touch.guests.iter().map(|guest| guest.point.to_string());
             let names = names.collect::<Vec<_>>().join(" and ");
@@ -158,19 +169,15 @@ impl<'a> Session<'a> {
             self.bar
                 .set_message(format!("{names} ({number} of {})", self.of));
             match bench.linked(&touch.guests) {
-                Ok(rows) => {
-                    for row in rows {
-                        found.add(row, touch.ask);
-                    }
-                }
+                Ok(touched) => found.take(touched, touch.ask),
                 Err(error) if is_set(&self.stop) => return Err(error),
                 // The other links are worth their time.
                 Err(error) => found.failed.push(error.to_string()),
             }
-            self.tell(&found, &names);
+            self.tell(found, &names);
         }
         self.bar.set_message("");
-        Ok(found)
+        Ok(())
     }
 
     fn bench<'b>(&self, setting: &Setting, scene: PathBuf, stop: &'b AtomicBool) -> Bench<'b> {
@@ -187,7 +194,7 @@ impl<'a> Session<'a> {
                     replayed: args.replayed,
                     ..Shape::default()
                 },
-                seed: setting.overrides.seed.unwrap_or(SEED),
+                seed: setting.seed(),
             },
             folder: self.folder.path().to_path_buf(),
             seconds: args.seconds,
@@ -198,12 +205,14 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn found(&self, bench: &Bench<'_>) -> Found {
+    /// Nothing yet, under the conditions of a scene's touches.
+    #[must_use]
+    pub fn found(&self, setting: &Setting) -> Found {
         let args = self.args;
         Found {
             conditions: Conditions {
                 seconds: args.seconds,
-                seed: bench.links.seed,
+                seed: setting.seed(),
                 jitter_ms: args.jitter_ms,
                 cut_s: args.cut,
                 damaged: args.damaged,

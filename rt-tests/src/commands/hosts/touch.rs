@@ -2,7 +2,7 @@
 //! between them; or several controllers on hosts of their own.
 
 use super::recorded::Recorded;
-use super::result::{Row, Wire};
+use super::result::{Row, Touched, Wire};
 use crate::failure::Failure;
 use crate::links::hosts::{DAMAGED, Hosts, Links, Side, links_made};
 use crate::links::points::Guest;
@@ -13,8 +13,9 @@ use crate::processes::stop::is_set;
 use crate::processes::watched::{PATIENCE, Watched, pause};
 use realtime::rights::monotonic_ns;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use tempfile::TempDir;
 
 /// Share of a run after which the cable is cut, and which the cut lasts at the most: as long for
 /// the touch before it, for itself, and for the way back.
@@ -32,7 +33,7 @@ pub struct Bench<'a> {
     pub overrides: Vec<OsString>,
     /// The links.
     pub links: Links,
-    /// Folder of the recordings.
+    /// Folder in which each touch has one for its recordings.
     pub folder: PathBuf,
     /// Length of a touch, seconds.
     pub seconds: f64,
@@ -46,24 +47,28 @@ pub struct Bench<'a> {
     pub stop: &'a AtomicBool,
 }
 
+/// The rows of a touch, each at its controller's place, and what failed beside them.
+type Rows = (Vec<Option<Row>>, Vec<String>);
+
 impl Bench<'_> {
     /// A touch on this machine, without a link.
     ///
     /// # Errors
-    /// What failed, in one sentence.
-    pub fn local(&self) -> Result<Row, Failure> {
+    /// What failed, in one sentence, where there is no row.
+    pub fn local(&self) -> Result<Touched, Failure> {
         let domain = own_domain()?;
         let (station, controllers) = (Side::default(), vec![Side::default()]);
-        let rows = self.touch(&domain, station, controllers, &[], None);
-        let row = rows.map_err(Failure::Run)?.pop();
-        row.ok_or(Failure::Run("nothing was touched".to_string()))
+        let touched = self.touch(&domain, station, controllers, &[], None);
+        let (rows, failed) = touched.map_err(Failure::Run)?;
+        let rows = rows.into_iter().flatten().collect();
+        Ok(Touched { rows, failed })
     }
 
     /// Touches at the same time, each over a link of its own to one station.
     ///
     /// # Errors
-    /// What failed, in one sentence.
-    pub fn linked(&self, guests: &[Guest]) -> Result<Vec<Row>, Failure> {
+    /// What failed, in one sentence, where there is no row.
+    pub fn linked(&self, guests: &[Guest]) -> Result<Touched, Failure> {
         let domain = own_domain()?;
         let of = |error: String| {
             let links = guests.iter().map(|guest| guest.point.to_string());
@@ -78,8 +83,10 @@ impl Bench<'_> {
         } = hosts;
         let touched = self.touch(&domain, station, controllers, guests, Some(&relay));
         let Relayed { links, late_ms } = relay.end().map_err(of)?;
-        let rows = touched.map_err(of)?.into_iter().zip(guests).zip(links);
-        let rows = rows.map(|((mut row, guest), [to_controller, to_station])| {
+        let (rows, failed) = touched.map_err(of)?;
+        let rows = rows.into_iter().zip(guests).zip(links);
+        let rows = rows.filter_map(|((row, guest), [to_controller, to_station])| {
+            let mut row = row?;
             row.controllers = guests.len();
             row.is_stopped = guest.is_stopped;
             row.rests = guest.rests;
@@ -91,9 +98,13 @@ impl Bench<'_> {
                 to_station,
                 late_ms,
             };
-            row.over(guest.point, wire)
+            Some(row.over(guest.point, wire))
         });
-        Ok(rows.collect())
+        let failed = failed.into_iter().map(|error| of(error).to_string());
+        Ok(Touched {
+            rows: rows.collect(),
+            failed: failed.collect(),
+        })
     }
 
     fn touch(
@@ -103,7 +114,8 @@ impl Bench<'_> {
         controllers: Vec<Side>,
         guests: &[Guest],
         relay: Option<&Relay>,
-    ) -> Result<Vec<Row>, String> {
+    ) -> Result<Rows, String> {
+        let recordings = folder_in(&self.folder)?;
         let common = |verb: &str, side: &Side| -> Vec<OsString> {
             let mut typed = vec![verb.into(), self.scene.clone().into()];
             typed.extend(["--domain".into(), domain.name().into()]);
@@ -123,7 +135,7 @@ impl Bench<'_> {
             }
             typed.push(format!("--started-ns={}", monotonic_ns()).into());
             typed.extend(["--supervised", "--record"].map(OsString::from));
-            typed.push(self.recording(number).into());
+            typed.push(recording(recordings.path(), number).into());
             let program = &self.programs.controller;
             Watched::start_program("controller", program, &typed, side.around)
         };
@@ -133,40 +145,34 @@ impl Bench<'_> {
         if is_set(self.stop) {
             controllers.iter_mut().for_each(|of| of.process.terminate());
         }
-        let rows = controllers.iter_mut().enumerate();
-        let rows = rows.map(|(number, controller)| self.row_of(number, controller));
-        let rows: Result<Vec<Row>, String> = rows.collect();
-        let at_station = station.end();
+        let mut failed = Vec::new();
+        let mut rows = Vec::new();
+        for (number, controller) in controllers.iter_mut().enumerate() {
+            let row = row_of(controller).map(|mut row| {
+                let read = self.read(&recording(recordings.path(), number), &mut row);
+                failed.extend(read.err());
+                row
+            });
+            rows.push(row.map_err(|error| failed.push(error)).ok());
+        }
+        failed.extend(station.end().err());
         if is_set(self.stop) {
             return Err("ended early on request".to_string());
         }
-        let rows = rows?;
-        at_station.map(|()| rows)
+        rows_or_failure(rows, failed)
     }
 
-    /// File of what a controller records; those of the touch before are written over.
-    fn recording(&self, number: usize) -> PathBuf {
-        self.folder.join(format!("controller-{number}.mcap"))
-    }
-
-    /// What a controller came to, at its end.
-    fn row_of(&self, number: usize, controller: &mut Watched) -> Result<Row, String> {
-        controller.wait_for_end(PATIENCE)?;
-        let finished = controller.finished.take();
-        let finished = finished.ok_or("the controller ended without a result")?;
-        let mut row = Row::of(*finished);
-        row.links_made = links_made(controller);
-        row.has_damaged_chunk = controller.has_said(DAMAGED);
+    /// Adds to a row what its controller recorded.
+    fn read(&self, first: &Path, row: &mut Row) -> Result<(), String> {
         let soft_start_ticks = (self.soft_start_s * self.rate_hz).ceil() as u64;
-        let first = self.recording(number);
         if first.exists() {
-            row.recorded = Recorded::read(&first, soft_start_ticks)?;
+            row.recorded = Recorded::read(first, soft_start_ticks)?;
         } else {
             row.faults.push(
                 "its recording is longer than [record] keep of the scene: its forces are not compared".to_string(),
             );
         }
-        Ok(row)
+        Ok(())
     }
 
     /// Lets a run pass, with the cut and the stops in it.
@@ -194,6 +200,67 @@ impl Bench<'_> {
     }
 }
 
+/// An empty folder for the recordings of one touch, which goes with it: a touch records a number of
+/// files that nobody knows before, so those of another one would be read with its own.
+fn folder_in(folder: &Path) -> Result<TempDir, String> {
+    tempfile::tempdir_in(folder).map_err(|error| format!("no folder for recordings ({error})"))
+}
+
+/// First file of what a controller records.
+fn recording(folder: &Path, number: usize) -> PathBuf {
+    folder.join(format!("controller-{number}.mcap"))
+}
+
+/// What a controller came to, at its end.
+fn row_of(controller: &mut Watched) -> Result<Row, String> {
+    controller.wait_for_end(PATIENCE)?;
+    let finished = controller.finished.take();
+    let finished = finished.ok_or("the controller ended without a result")?;
+    let mut row = Row::of(*finished);
+    row.links_made = links_made(controller);
+    row.has_damaged_chunk = controller.has_said(DAMAGED);
+    Ok(row)
+}
+
+/// The rows with what failed beside them; all that failed where no controller came to a result.
+fn rows_or_failure(rows: Vec<Option<Row>>, failed: Vec<String>) -> Result<Rows, String> {
+    if rows.iter().any(Option::is_some) {
+        Ok((rows, failed))
+    } else {
+        Err(failed.join("; "))
+    }
+}
+
 fn own_domain() -> Result<OwnDomain, Failure> {
     OwnDomain::new().map_err(|error| Failure::Run(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hrtc::result::Finished;
+
+    #[test]
+    fn a_touch_has_a_folder_of_its_own_which_goes_with_it() {
+        let session = tempfile::tempdir().unwrap();
+        let longer = folder_in(session.path()).unwrap();
+        let later = longer.path().join("controller-0-0001.mcap");
+        std::fs::write(&later, "").unwrap();
+        let next = folder_in(session.path()).unwrap();
+        assert_eq!(std::fs::read_dir(next.path()).unwrap().count(), 0);
+        assert_ne!(recording(next.path(), 0), recording(longer.path(), 0));
+        drop(longer);
+        assert!(!later.exists() && next.path().exists());
+    }
+
+    #[test]
+    fn one_controller_that_fails_takes_no_other_with_it() {
+        let row = || Some(Row::of(Finished::default()));
+        let failed = || vec!["one".to_string(), "the station".to_string()];
+        let (rows, beside) = rows_or_failure(vec![None, row()], failed()).unwrap();
+        assert!(rows[0].is_none() && rows[1].is_some());
+        assert_eq!(beside, failed());
+        let none = rows_or_failure(vec![None, None], failed());
+        assert_eq!(none.unwrap_err(), "one; the station");
+    }
 }

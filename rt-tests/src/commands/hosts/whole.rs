@@ -4,6 +4,7 @@ use super::asked::Quantity;
 use super::refused::{self, Refused};
 use super::result::{Conditions, Found, Row, Scene};
 use crate::commands::faults::{Case, Faults};
+use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::report::table::Table;
 use crate::report::units::{digits, grouped};
@@ -18,6 +19,8 @@ pub struct Whole {
     pub skipped: Option<String>,
     /// What is not in it, and why.
     pub left_out: Vec<String>,
+    /// What failed beside the touches, and ended the command.
+    pub failed: Vec<String>,
     /// What was found of each scene.
     pub parts: Vec<Found>,
     /// What was done to a link in contact; none where nothing was.
@@ -75,7 +78,8 @@ pub struct Json<'a> {
     #[serde(flatten)]
     conditions: Conditions,
     left_out: &'a [String],
-    /// Touches that came to no result, each with its links and the reason.
+    /// Touches that came to no result, each with its links and the reason, and what ended the
+    /// command.
     failed: Vec<&'a str>,
     scenes: Vec<&'a Scene>,
     rows: Vec<&'a Row>,
@@ -93,6 +97,18 @@ impl Whole {
         }
     }
 
+    /// The same, ended by a failure, which is said beside what was measured.
+    ///
+    /// # Errors
+    /// The failure where nothing was measured: it is all that there is to say.
+    pub fn ended_by(mut self, failure: Failure) -> Result<Self, Failure> {
+        if self.parts.is_empty() {
+            return Err(failure);
+        }
+        self.failed.push(failure.to_string());
+        Ok(self)
+    }
+
     /// As JSON: the touches of all scenes in one list.
     #[must_use]
     pub fn json(&self) -> Json<'_> {
@@ -105,7 +121,7 @@ impl Whole {
                 .first()
                 .map_or_else(Conditions::default, |part| part.conditions),
             left_out: &self.left_out,
-            failed: failed.map(String::as_str).collect(),
+            failed: failed.chain(&self.failed).map(String::as_str).collect(),
             scenes: parts.iter().map(|part| &part.scene).collect(),
             rows: parts.iter().flat_map(|part| &part.rows).collect(),
             cut: self.cut.as_ref(),
@@ -135,6 +151,7 @@ impl Whole {
             let (who, what) = (one.who.name(), &one.what);
             format!("{who}: not refused by name on both sides ({what})")
         }));
+        wrong.extend(self.failed.iter().cloned());
         wrong
     }
 
@@ -303,6 +320,23 @@ mod tests {
         );
         assert!(json["cut"].is_null() && json["refused"] == Value::Array(Vec::new()));
         assert!(json["parts"].is_null() && json["scenes"].as_array().unwrap().len() == 2);
+    }
+
+    #[test]
+    fn a_late_failure_is_said_beside_what_was_measured() {
+        let failure = || Failure::Input("b.obj is no mesh".to_string());
+        // All that there is to say, with its status.
+        let none = Whole::default().ended_by(failure());
+        assert_eq!(none.err(), Some(failure()));
+        let whole = Whole {
+            parts: vec![part("a.spm")],
+            ..Whole::default()
+        };
+        let whole = whole.ended_by(failure()).unwrap();
+        let json = json(&whole);
+        assert_eq!(json["rows"].as_array().unwrap().len(), 2);
+        assert_eq!(json["failed"], serde_json::json!(["b.obj is no mesh"]));
+        assert_eq!(whole.wrong(), ["b.obj is no mesh"]);
     }
 
     #[test]

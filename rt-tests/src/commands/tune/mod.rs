@@ -5,13 +5,14 @@
 //! allowed). Errors, bytes and pressure on the cache are measured in virtual time, where both cores
 //! run with the scene's own hand. Each limit has an edge on the
 //! dial, found by bisection: an error is kept below its edge, a cost above. The result is then run
-//! by both processes; where that run breaks an error or a time, the dial is turned a step on.
+//! by both processes; where that run breaks a limit, or stays far from a time, the dial is turned
+//! on, and the best of these runs is the result.
 //!
 //! | module | holds |
 //! |---|---|
-//! | `asked` | the limits as typed |
+//! | `asked` | the limits as typed, and whether a run kept them |
 //! | `trial` | a touch with given settings |
-//! | `search` | the bisection |
+//! | `search` | the bisection, and the runs that correct it |
 //! | `words` | the fragment, and the result in words |
 
 mod asked;
@@ -32,7 +33,7 @@ use hrtc::run::FIXED_BYTES;
 use indicatif::ProgressBar;
 use scene::{RefinementPlan, ScenePlan};
 use scene_args::OverrideArgs;
-use search::{STEP, edge, rounded};
+use search::{ERROR, Tried, Verdict, corrected, edge, finer, rounded};
 use serde::Serialize;
 use std::path::PathBuf;
 use trial::{Bench, MORE_COARSER, Mode, RUNS, Run, Settings};
@@ -46,8 +47,6 @@ const DIAL: (f64, f64) = (1e-6, 1.0);
 const MARGIN: f64 = 1.15;
 /// Times that the dial is turned on where the run breaks a limit, or stays far from a time.
 const MAX_CORRECTIONS: usize = 3;
-/// Far from a time that was asked for: less than it by this factor, and a finer tolerance is tried.
-const FAR: f64 = 1.35;
 /// The next step up is finer by this factor.
 const NEXT: f64 = 2.0;
 /// Other machines that the settings are predicted for take so many times as long.
@@ -255,8 +254,14 @@ impl<'a> Search<'a> {
 
     /// The coarsest tolerance that keeps the error; an error that the base mesh keeps has no edge.
     fn of_error(&mut self, error_m: f64) -> Result<f64, Failure> {
-        let kept = |cost: &Cost| cost.error_m * MARGIN <= error_m;
+        let kept = |cost: &Cost| cost.measured_errors > 0 && cost.error_m * MARGIN <= error_m;
         let full = self.simulate(0.0)?;
+        if full.measured_errors == 0 {
+            return Err(Failure::Run(
+                "no error was measured at a contact, so none can be kept; give more with --seconds"
+                    .to_string(),
+            ));
+        }
         if !kept(&full) && full.error_m <= error_m {
             // There is nothing finer: the run decides.
             return Ok(0.0);
@@ -277,121 +282,135 @@ impl<'a> Search<'a> {
         Ok(if low > dial.0 { low } else { 0.0 })
     }
 
-    /// The finest tolerance that keeps a cost.
-    fn of_cost(&mut self, limit: &Limit) -> Result<f64, Failure> {
+    /// The finest tolerance that keeps a cost; none where not even the base mesh does.
+    fn of_cost(&mut self, limit: &Limit) -> Result<Option<f64>, Failure> {
         if limit.is_kept(self, 0.0, MARGIN)? {
-            return Ok(0.0);
+            return Ok(Some(0.0));
         }
         let dial = self.dial;
         if !limit.is_kept(self, dial.1, MARGIN)? {
-            if limit.is_kept(self, dial.1, 1.0)? {
-                // There is nothing coarser: the run decides.
-                return Ok(dial.1);
-            }
-            return Err(Failure::Run(format!(
-                "not even the base mesh keeps {}; ask for less",
-                limit.name()
-            )));
+            // There is nothing coarser: the run decides.
+            let is_kept = limit.is_kept(self, dial.1, 1.0)?;
+            return Ok(is_kept.then_some(dial.1));
         }
         let (_, high) = edge(dial, &mut |tolerance| {
             Ok(!limit.is_kept(self, tolerance, MARGIN)?)
         })?;
-        Ok(high)
+        Ok(Some(high))
     }
 
-    /// The tolerance, and which limit binds.
-    fn tolerance(&mut self) -> Result<(f64, String), Failure> {
-        let mut finest = (0.0, String::new());
+    /// The tolerance to begin with, and which limit binds, by name.
+    fn tolerance(&mut self) -> Result<(f64, Option<&'static str>), Failure> {
+        let mut finest = (0.0, None);
         let limits: Vec<Limit> = Limit::of(&self.asked).collect();
         for limit in limits {
-            let tolerance = self.of_cost(&limit)?;
+            let name = limit.name();
+            let tolerance = self.of_cost(&limit)?.ok_or_else(|| {
+                Failure::Run(format!("not even the base mesh keeps {name}; ask for less"))
+            })?;
             if tolerance > finest.0 {
-                finest = (tolerance, limit.name().to_string());
+                finest = (tolerance, Some(name));
             }
         }
         let Some(error_m) = self.asked.error_m else {
-            if finest.0 == 0.0 {
-                finest.1 = "nothing: the full mesh keeps every limit".to_string();
-            }
             return Ok(finest);
         };
         let coarsest = self.of_error(error_m)?;
         if coarsest < finest.0 {
             return Err(Failure::Run(format!(
-                "the limits contradict each other: {} needs a tolerance of {} or coarser, the error one of {} or finer",
-                finest.1,
+                "the limits contradict each other: {} needs a tolerance of {} or coarser, {ERROR} one of {} or finer",
+                finest.1.unwrap_or_default(),
                 length(finest.0),
                 length(coarsest)
             )));
         }
-        let binds = if coarsest >= self.dial.1 {
+        Ok((coarsest, Some(ERROR)))
+    }
+
+    /// Which limit binds, in words; `name` is that of the last one that a run broke, or the search.
+    fn binds(&self, tolerance: f64, met: bool, name: Option<&'static str>) -> String {
+        let is_error = self.asked.error_m.is_some();
+        let binds = if met && !is_error && tolerance == 0.0 {
+            "nothing: the full mesh keeps every limit"
+        } else if met && is_error && tolerance >= self.dial.1 {
             "nothing: the base mesh keeps the error"
         } else {
-            "the error"
+            name.unwrap_or("nothing")
         };
-        Ok((coarsest, binds.to_string()))
+        binds.to_string()
     }
 
-    /// Whether a run keeps every limit.
-    fn is_met(&self, cost: &Cost) -> bool {
-        let keeps = |limit: Option<f64>, value: f64| limit.is_none_or(|limit| value <= limit);
-        keeps(self.asked.error_m, cost.error_m)
-            && keeps(self.asked.time_us, cost.time_us)
-            && keeps(self.asked.bytes, cost.bytes)
-            && keeps(self.asked.memory_bytes, cost.memory_bytes)
-    }
-
-    /// Whether a run is far below the only limit, a time, and there is a finer tolerance.
-    fn is_far(&self, tolerance: f64, cost: &Cost) -> bool {
-        let only_time = Asked {
-            time_us: self.asked.time_us,
-            ..Asked::default()
+    /// Both processes at a tolerance, with the time of a tick that was expected, µs, and, while
+    /// corrections are left, where the next run may do.
+    fn tried(&mut self, tolerance: f64, left: usize) -> Result<Tried<(Run, f64)>, Failure> {
+        let expected_us = match self.asked.time_us {
+            Some(_) => self.tick_us(tolerance)? * self.loop_over_tick,
+            None => 0.0,
         };
-        let is_far = |limit: f64| cost.time_us * FAR < limit;
-        tolerance > 0.0 && self.asked == only_time && self.asked.time_us.is_some_and(is_far)
+        let run = self.run(tolerance, self.runs())?;
+        let verdict = self.asked.verdict(tolerance, &run.cost);
+        let guess = match left {
+            0 => None,
+            _ => self.guess(tolerance, &run.cost, verdict)?,
+        };
+        Ok(Tried {
+            run: (run, expected_us),
+            verdict,
+            guess,
+        })
     }
 
-    /// The next tolerance after a run that does not do.
-    fn corrected(&mut self, tolerance: f64, cost: &Cost) -> Result<f64, Failure> {
-        if self
-            .asked
-            .error_m
-            .is_some_and(|error_m| cost.error_m > error_m)
+    /// The finest tolerance that keeps the time or the bytes by what a run measured, where it broke
+    /// them or was far from the time. None beside an error: its margin is but a step or two wide.
+    fn guess(
+        &mut self,
+        tolerance: f64,
+        cost: &Cost,
+        verdict: Verdict,
+    ) -> Result<Option<f64>, Failure> {
+        let is_turned = matches!(verdict, Verdict::Far | Verdict::TooFine(_));
+        if self.asked.error_m.is_some() || !is_turned {
+            return Ok(None);
+        }
+        let mut limits = Vec::new();
+        if let Some(us) = self.asked.time_us
+            && (cost.time_us > us || verdict == Verdict::Far)
         {
-            return Ok(rounded(tolerance / STEP));
-        }
-        let is_time = self.asked.time_us.is_some_and(|us| cost.time_us > us);
-        if is_time || self.is_far(tolerance, cost) {
             self.loop_over_tick = cost.time_us / self.tick_us(tolerance)?;
-            let found = self.tolerance()?.0;
-            if found != tolerance {
-                return Ok(found);
-            }
+            limits.push(Limit::Time(us));
         }
-        Ok(rounded(tolerance * STEP).min(self.dial.1))
+        if let Some(bytes) = self.asked.bytes
+            && cost.bytes > bytes
+        {
+            let in_virtual_time = self.simulate(tolerance)?.bytes;
+            limits.push(Limit::Bytes(bytes * in_virtual_time / cost.bytes));
+        }
+        let mut guess: Option<f64> = None;
+        for limit in limits {
+            let finest = self.of_cost(&limit)?.unwrap_or(self.dial.1);
+            guess = Some(guess.map_or(finest, |guess| guess.max(finest)));
+        }
+        Ok(guess)
     }
 
     fn tuned(&mut self) -> Result<Tuned, Failure> {
         if self.asked.time_us.is_some() {
             self.loop_over_tick = self.run(0.0, 1)?.cost.time_us / self.tick_us(0.0)?;
         }
-        let (mut tolerance, binds) = self.tolerance()?;
-        let mut run = self.run(tolerance, self.runs())?;
-        for _ in 0..MAX_CORRECTIONS {
-            if self.is_met(&run.cost) && !self.is_far(tolerance, &run.cost) {
-                break;
-            }
-            tolerance = self.corrected(tolerance, &run.cost)?;
-            run = self.run(tolerance, self.runs())?;
-        }
+        let (start, mut binds) = self.tolerance()?;
+        let dial = self.dial;
+        let (tolerance, (run, expected_us)) =
+            corrected(dial, start, MAX_CORRECTIONS, &mut |tolerance, left| {
+                let tried = self.tried(tolerance, left)?;
+                binds = tried.verdict.broken().or(binds);
+                Ok(tried)
+            })?;
         let cost = run.cost;
+        let met = self.asked.verdict(tolerance, &cost).is_kept();
         let mut predicted = self.simulate(tolerance)?;
-        if self.asked.time_us.is_some() {
-            predicted.time_us = self.tick_us(tolerance)? * self.loop_over_tick;
-        }
+        predicted.time_us = expected_us;
         let next = if tolerance > 0.0 {
-            let finer = rounded(tolerance / NEXT);
-            let finer = if finer < self.dial.0 { 0.0 } else { finer };
+            let finer = finer(dial, tolerance, NEXT);
             Some((finer, self.run(finer, 1)?.cost))
         } else {
             None
@@ -405,8 +424,8 @@ impl<'a> Search<'a> {
             cache_bytes: self.cache_bytes as u64,
             predicted: self.of_asked(&predicted),
             measured: self.of_asked(&cost),
-            met: self.is_met(&cost),
-            binds,
+            met,
+            binds: self.binds(tolerance, met, binds),
             cost,
             next,
             slower,
@@ -416,8 +435,9 @@ impl<'a> Search<'a> {
 
     /// Of a cost the parts that were asked for.
     fn of_asked(&self, cost: &Cost) -> Asked {
+        let error_m = self.asked.error_m.filter(|_| cost.measured_errors > 0);
         Asked {
-            error_m: self.asked.error_m.map(|_| cost.error_m),
+            error_m: error_m.map(|_| cost.error_m),
             time_us: self.asked.time_us.map(|_| cost.time_us),
             bytes: self.asked.bytes.map(|_| cost.bytes),
             memory_bytes: self.asked.memory_bytes.map(|_| cost.memory_bytes),

@@ -31,6 +31,8 @@ pub const MORE_COARSER: f64 = 0.01;
 pub struct Cost {
     /// Largest error that the station measured at a contact, metres.
     pub error_m: f64,
+    /// Errors that it measured; without one `error_m` says nothing.
+    pub measured_errors: u64,
     /// Processor time of a tick, p99, µs; in virtual time that of undisturbed ticks without the
     /// loop around them, where it was asked for.
     pub time_us: f64,
@@ -174,6 +176,8 @@ impl Bench<'_> {
         for _ in 0..(self.seconds * plan.loop_.rate_hz) as u64 {
             let record = simulation.step_led().record;
             cost.add_errors(record.measured_error_m, record.certified_error_m);
+            // Negative: none came in this tick.
+            cost.measured_errors += u64::from(record.measured_error_m >= 0.0);
             if record.contact {
                 touching += 1;
                 coarser += u64::from(!record.contact_asked);
@@ -229,7 +233,7 @@ impl Bench<'_> {
             self.check_stop()?;
             let outcome = outcome?;
             outcome.check_finite()?;
-            let result = &outcome.finished.result;
+            let result = &outcome.undisturbed()?.result;
             if result.contact_ticks == 0 {
                 return Err(Failure::Run(format!("{}: {NOTHING_TOUCHED}", plan.name)));
             }
@@ -242,6 +246,7 @@ impl Bench<'_> {
                 _ => f64::NAN,
             };
             cost.add_errors(result.measured_error_m.max, certified_m);
+            cost.measured_errors += result.measured_errors;
             let coarser = result.coarser_ticks as f64 / result.contact_ticks as f64;
             cost.coarser = cost.coarser.max(coarser);
             let memory = (result.cache.high_water_bytes as usize + FIXED_BYTES) as f64;

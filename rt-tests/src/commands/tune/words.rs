@@ -46,11 +46,19 @@ fn limits(of: &Asked) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(", ")
 }
 
+/// The error of a run, or of a touch in virtual time.
+fn error(of: &Cost) -> String {
+    match of.measured_errors {
+        0 => "error not measured".to_string(),
+        _ => format!("error {} at most", length(of.error_m)),
+    }
+}
+
 fn cost(of: &Cost) -> String {
     format!(
-        "error {} at most (certified {}), 99 of 100 ticks within {} µs, {} received, memory in use {}, {:.1} % of the \
-         contact coarser than the tolerance",
-        length(of.error_m),
+        "{} (certified {}), 99 of 100 ticks within {} µs, {} received, memory in use {}, {:.1} % of the contact coarser \
+         than the tolerance",
+        error(of),
         length(of.certified_m),
         digits(of.time_us),
         bytes(of.bytes as u64),
@@ -91,7 +99,7 @@ pub fn words(tuned: &Tuned) -> String {
         }
     }
     for (factor, there) in &tuned.slower {
-        let what = format!("error {} at most (predicted)", length(there.error_m));
+        let what = format!("{} (predicted)", error(there));
         line(&format!("1/{factor} speed"), &what);
     }
     let [simulated, run] = tuned.trials;
@@ -147,6 +155,10 @@ mod tests {
             tolerance_m: 1e-4,
             cache_bytes: 1 << 20,
         };
+        let cost = Cost {
+            measured_errors: 1,
+            ..Cost::default()
+        };
         let tuned = Tuned {
             scene: "s".to_string(),
             asked,
@@ -157,14 +169,15 @@ mod tests {
             measured: asked,
             met: true,
             binds: "the error".to_string(),
-            cost: Cost::default(),
-            next: Some((5e-5, Cost::default())),
-            slower: vec![(2.0, Cost::default())],
+            cost,
+            next: Some((5e-5, cost)),
+            slower: vec![(2.0, cost), (4.0, Cost::default())],
             trials: [3, 2],
         };
         let text = words(&tuned);
         assert_eq!(plan(&format!("{text}{REST}")).cache_bytes, 1 << 20);
         assert!(text.contains("# binds      the error"), "{text}");
         assert!(text.contains("# 1/2 speed  error 0"), "{text}");
+        assert!(text.contains("# 1/4 speed  error not measured"), "{text}");
     }
 }
