@@ -19,8 +19,8 @@ use std::path::{Path, PathBuf};
 /// When there is no recording or a file cannot be used.
 pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(), RecordingError> {
     let failed = |e| RecordingError::File(out.display().to_string(), e);
-    // Another run may have deleted the oldest.
-    let gone = files.iter().rposition(|path| !path.exists());
+    // Another run may have deleted the oldest; a pipe or device cannot be read again.
+    let gone = files.iter().rposition(|path| !path.is_file());
     let files = &files[gone.map_or(0, |last| last + 1)..];
     let mut last_ns = None;
     // The last one may have begun only now.
@@ -180,7 +180,7 @@ impl Copy {
             segment: reader.head().segment.max(1),
             ..reader.head().clone()
         };
-        let probes = head.setup.position_resolutions_m.len();
+        let probes = head.probes();
         let mut encoder = Encoder::new(&head, reader.files(), probes, record.start_ns)?;
         if let Some(twin) = &self.twin {
             encoder.keyframe(twin.to_bytes()?)?;

@@ -3,7 +3,7 @@
 use super::RecordingError;
 use crate::tuning::{DISK_STACK_BYTES, RECORDING_JOBS, RECORDING_QUEUE_BYTES, RECORDING_TIMEOUT};
 use std::collections::VecDeque;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -303,6 +303,12 @@ fn remove(path: &Path) {
     }
 }
 
+/// Whether a running process holds a file, by the answer to who would lock it: where the file
+/// system has no locks, nobody does.
+fn is_held(locked: &Result<(), TryLockError>) -> bool {
+    matches!(locked, Err(TryLockError::WouldBlock))
+}
+
 /// Recordings beside this one that no running process holds, the oldest first.
 fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
     let Some(folder) = first.parent() else {
@@ -321,8 +327,8 @@ fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
         if !is_recording || !metadata.is_file() {
             continue;
         }
-        let is_free = File::open(&path).is_ok_and(|file| file.try_lock().is_ok());
-        if is_free {
+        let is_free = |file: File| !is_held(&file.try_lock());
+        if File::open(&path).is_ok_and(is_free) {
             found.push((
                 metadata.modified().unwrap_or(UNIX_EPOCH),
                 path,
@@ -406,6 +412,19 @@ mod tests {
         assert!(disk.has_lost());
         assert_eq!(disk.take_lost(), Some(100));
         assert_eq!(disk.take_lost(), None);
+    }
+
+    #[test]
+    fn only_a_lock_of_another_one_holds_a_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap");
+        let held = File::create(&path).unwrap();
+        held.lock_shared().unwrap();
+        assert!(is_held(&File::open(&path).unwrap().try_lock()));
+        drop(held);
+        assert!(!is_held(&File::open(&path).unwrap().try_lock()));
+        let no_locks = io::Error::from(io::ErrorKind::Unsupported);
+        assert!(!is_held(&Err(TryLockError::Error(no_locks))));
     }
 
     /// In a folder of hrtc's own the files of earlier runs go first, then the oldest of this one,

@@ -3,7 +3,7 @@
 use super::RecordingError;
 use crate::setup::ControllerSetup;
 use hrtc_core::Controller;
-use scene::{Overrides, ScenePlan};
+use scene::{MAX_PROBES, Overrides, ScenePlan};
 use scene_files::KeptFiles;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -50,6 +50,12 @@ impl RecordingHead {
             realtime_offset_ns,
             segment: 0,
         }
+    }
+
+    /// Number of probes. No seal protects the head: a changed one has no more than a run may.
+    #[must_use]
+    pub fn probes(&self) -> usize {
+        self.setup.position_resolutions_m.len().min(MAX_PROBES)
     }
 
     /// The scene of the recording, from the files in it.

@@ -55,10 +55,8 @@ impl LateTwin {
         for _ in 0..ENTRIES {
             let Some(reader) = &mut self.reader else {
                 let path = self.place.path(self.number);
-                // A pipe or device must not be read; a file's head may not be written yet.
-                if path.is_file() {
-                    self.reader = RecordingReader::open_growing(&path, self.place.keep_bytes).ok();
-                }
+                // A file's head may not be written yet.
+                self.reader = RecordingReader::open_growing(&path, self.place.keep_bytes).ok();
                 if self.reader.is_none() {
                     return CatchUp::All;
                 }

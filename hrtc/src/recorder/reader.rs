@@ -62,7 +62,12 @@ impl RecordingReader {
     pub fn open_growing(path: &Path, length: u64) -> Result<Self, RecordingError> {
         let name = path.display().to_string();
         let foreign = || RecordingError::NotARecording(name.clone());
-        let file = File::open(path).map_err(|e| RecordingError::File(name.clone(), e))?;
+        let refused = |e| RecordingError::File(name.clone(), e);
+        // The open of a pipe would wait for its writer, and a device has no end.
+        if !path.metadata().map_err(refused)?.is_file() {
+            return Err(foreign());
+        }
+        let file = File::open(path).map_err(refused)?;
         let options = LinearReaderOptions::default()
             .with_record_length_limit(usize::try_from(length).map_err(|_| foreign())?);
         let mut source = Source {
@@ -232,4 +237,28 @@ fn read(channel: Channel, bytes: &[u8]) -> Option<Entry> {
         Channel::Tick => Entry::Tick(Box::new(postcard::from_bytes(bytes).ok()?)),
         Channel::Hole => Entry::Hole(postcard::from_bytes(bytes).ok()?),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::recorder::write_black_box;
+    use std::process::Command;
+
+    /// A pipe that nobody writes into would hold up for ever who opens it.
+    #[test]
+    fn what_is_no_file_is_no_recording_and_is_not_opened() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("run.mcap");
+        let made = Command::new("mkfifo").arg(&pipe).status();
+        assert!(made.unwrap().success());
+        for path in [pipe.as_path(), folder.path(), Path::new("/dev/zero")] {
+            let opened = RecordingReader::open(path).map(|_| ());
+            let is_foreign = matches!(opened, Err(RecordingError::NotARecording(_)));
+            assert!(is_foreign, "{}: {opened:?}", path.display());
+        }
+        let out = folder.path().join("fault.mcap");
+        assert!(write_black_box(&[pipe], "a test", &out).is_err());
+        assert!(!out.exists());
+    }
 }

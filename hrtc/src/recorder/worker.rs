@@ -93,6 +93,7 @@ pub(super) struct Worker {
     flushed_ns: u64,
     has_warned: bool,
     has_told_late: bool,
+    has_told_loss: bool,
     /// For the main thread.
     progress: Arc<Progress>,
 }
@@ -138,6 +139,7 @@ impl Worker {
             flushed_ns: 0,
             has_warned: false,
             has_told_late: false,
+            has_told_loss: false,
             progress,
         })
     }
@@ -309,6 +311,12 @@ impl Worker {
     fn lose(&mut self, first: u64, last: u64, reason: &str) -> Result<(), RecordingError> {
         self.twin = None;
         self.late = None;
+        if !self.has_told_loss {
+            self.has_told_loss = true;
+            note!(
+                "the recording lacks inputs of ticks {first} to {last} and does not replay from there on: {reason}"
+            );
+        }
         let hole = Hole {
             first,
             last,
@@ -479,7 +487,10 @@ impl Worker {
                 Err(error) => self.stop(error.to_string()),
             }
         }
-        self.disk.finish().unwrap_or_default()
+        self.disk.finish().unwrap_or_else(|| {
+            note!("the disk did not take the end of the recording in time: it is cut short");
+            Vec::new()
+        })
     }
 }
 

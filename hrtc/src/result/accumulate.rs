@@ -23,6 +23,8 @@ pub struct Accumulator {
     series: Series,
     first_tick: Option<u64>,
     last_tick: u64,
+    /// The tick that comes next when no period is skipped and no record lost.
+    next_tick: u64,
     /// t0: where tick 0 was planned by the first record, CLOCK_MONOTONIC, ns.
     phase_ns: u64,
     /// Spun so far, ns.
@@ -85,6 +87,7 @@ impl Accumulator {
             first_tick: None,
             last_page_faults: 0,
             last_tick: 0,
+            next_tick: 0,
             phase_ns: 0,
             spun_ns: 0,
             last_forces: [DVec3::ZERO; MAX_PROBES],
@@ -118,8 +121,11 @@ impl Accumulator {
 
     /// Counts one tick; ticks come in order.
     pub fn push(&mut self, record: &TickRecord) {
+        // The force of a tick whose record is missing is not known: there is no step over it.
+        let follows = record.tick == self.next_tick + u64::from(record.skipped);
+        self.next_tick = record.tick + 1;
         self.push_timing(record);
-        self.push_probes(record);
+        self.push_probes(record, follows);
         self.push_contact(&record.core);
         self.push_refinement(record);
         self.push_totals(&record.core);
@@ -128,13 +134,16 @@ impl Accumulator {
         self.series.push(record.tick, SeriesBucket::of(record));
     }
 
-    /// Forces and counts of each probe.
-    fn push_probes(&mut self, record: &TickRecord) {
+    /// Forces and counts of each probe; `follows`: whether the tick before was counted.
+    fn push_probes(&mut self, record: &TickRecord, follows: bool) {
         let core = &record.core;
         let periods = 1.0 + f64::from(record.skipped);
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
+            if !follows {
+                self.last_forces[k] = force;
+            }
             if record.rises_again || record.force_cut {
                 // The device was at zero before this wrench, or went there by itself.
                 let lost = std::mem::take(&mut self.last_forces[k]).length();

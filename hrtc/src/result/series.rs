@@ -29,7 +29,7 @@ pub struct SeriesBucket {
     pub wake_us: f64,
     /// Largest number of active faces.
     pub refined_faces: u64,
-    /// Largest certified error at the contact, metres.
+    /// Largest certified error at the contact, metres; negative where no contact had a bound.
     #[serde(skip_serializing_if = "is_not_finite", default = "not_a_number")]
     pub certified_error_m: f64,
     /// Largest measured error that arrived, metres; negative when none did.
@@ -69,7 +69,7 @@ impl SeriesBucket {
             certified_error_m: if core.contact && core.contact_bounded {
                 core.certified_error_m
             } else {
-                0.0
+                -1.0
             },
             measured_error_m: core.measured_error_m,
             cache_bytes: core.cache_bytes,
@@ -79,6 +79,7 @@ impl SeriesBucket {
     /// An empty piece.
     fn empty() -> Self {
         Self {
+            certified_error_m: -1.0,
             measured_error_m: -1.0,
             ..Self::default()
         }

@@ -153,6 +153,22 @@ fn a_force_step_over_skipped_periods_is_one_of_several() {
 }
 
 #[test]
+fn there_is_no_force_step_over_records_that_are_missing() {
+    let mut run = accumulator();
+    // Tick 2 is lost, and ticks 5 and 6 beside a skipped period.
+    let ticks = [(0, 0), (1, 0), (3, 0), (4, 0), (8, 1)];
+    for ((tick, skipped), newtons) in ticks.into_iter().zip([0.1, 0.2, 0.9, 1.2, 5.0]) {
+        let mut record = record(tick);
+        record.skipped = skipped;
+        record.wrenches[1].force.y = newtons;
+        run.push(&record);
+    }
+    let result = run.finish(RunMeta::default()).result;
+    assert!((result.force_step_n_max - 0.3).abs() < 1e-12, "{result:?}");
+    assert_eq!(result.force_step_per_period_n_max, result.force_step_n_max);
+}
+
+#[test]
 fn a_tick_off_its_phase_and_a_lost_record_are_seen() {
     // Planned late by so much, or begun in the period before or after.
     let mut late = record(7);
@@ -299,6 +315,21 @@ fn the_contact_is_accounted_from_its_first_tick() {
     assert_eq!((result.first_touch_ms, result.first_full_ms), (44.0, 2.0));
     assert_eq!(result.refined_faces.max, 59.0);
     assert!(result.replay_hash < 1 << 53);
+}
+
+#[test]
+fn a_contact_without_a_bound_has_none_in_the_series() {
+    let mut run = accumulator();
+    for tick in 0..3 {
+        let mut record = record(tick);
+        record.core.contact = tick > 0;
+        record.core.contact_bounded = tick == 2;
+        record.core.certified_error_m = 3e-6 * tick as f64;
+        run.push(&record);
+    }
+    let series = run.finish(RunMeta::default()).series;
+    let bounds: Vec<f64> = series.iter().map(|of| of.certified_error_m).collect();
+    assert_eq!(bounds, [-1.0, -1.0, 6e-6]);
 }
 
 #[test]

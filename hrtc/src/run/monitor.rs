@@ -64,7 +64,7 @@ struct Printed {
     other_version: u32,
     /// Faults of objects.
     faults: Vec<(usize, Fault)>,
-    watchdog_stops: u64,
+    expiries: u64,
     requests_lost: u64,
 }
 
@@ -167,11 +167,12 @@ impl Monitor<'_> {
 
     /// Prints what the chain of safety did.
     fn check_safety(&self, printed: &mut Printed) {
-        let stops = self.shared.watchdog_stops.load(Ordering::Relaxed);
-        if stops > printed.watchdog_stops {
-            printed.watchdog_stops = stops;
+        let expiries = self.shared.expiries.load(Ordering::Relaxed);
+        if expiries > printed.expiries {
+            printed.expiries = expiries;
+            let done = self.watchdog.what_ends_a_force(self.plan.probes.len());
             note!(
-                "no wrench was written for longer than one is valid: the watchdog brought the devices to zero; the force will rise from there ({stops} times so far)"
+                "no wrench was written for longer than one is valid: {done}; the force will rise from zero ({expiries} times so far)"
             );
         }
         let lost = self.shared.requests_lost.load(Ordering::Relaxed);

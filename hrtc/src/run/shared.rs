@@ -4,6 +4,7 @@ use super::watchdog::Lease;
 use crate::result::SafetyEvents;
 use crate::traffic::Traffic;
 use hrtc_core::Fault;
+use realtime::pacer::Wake;
 use realtime::rights::MissingRight;
 use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
@@ -22,7 +23,9 @@ pub(super) struct Shared {
     pub unwatched: AtomicBool,
     /// Validity of the wrenches that stand.
     pub lease: Lease,
-    /// Times that the watchdog brought the devices to zero.
+    /// Times that the watchdog saw a wrench expire.
+    pub expiries: AtomicU64,
+    /// Of these, those in which it brought devices to zero: some have a safe stop.
     pub watchdog_stops: AtomicU64,
     /// Ticks after which the force had to rise from zero again, since its wrench had expired.
     pub force_cuts: AtomicU64,
@@ -32,7 +35,7 @@ pub(super) struct Shared {
     pub contacts_lost: AtomicU64,
     /// The tick thread has asked for its rights and ticks.
     pub ticking: AtomicBool,
-    /// CLOCK_MONOTONIC of the first tick, ns; 0 before it.
+    /// CLOCK_MONOTONIC of tick 0, ns; 0 before the first tick that ran.
     pub first_tick_ns: AtomicU64,
     /// Tick records that found the log full.
     pub log_dropped: AtomicU64,
@@ -52,6 +55,16 @@ pub(super) struct Shared {
 }
 
 impl Shared {
+    /// Notes, of the first tick, when tick 0 began, or would have where periods were skipped before
+    /// that one.
+    pub fn note_first(&self, wake: &Wake, rate_hz: f64) {
+        if self.first_tick_ns.load(Ordering::Relaxed) == 0 {
+            let since_ns = (wake.tick as f64 * 1e9 / rate_hz) as u64;
+            let start_ns = wake.start_ns.saturating_sub(since_ns);
+            self.first_tick_ns.store(start_ns, Ordering::Relaxed);
+        }
+    }
+
     /// Notes rights that were refused.
     pub fn refused(&self, missing: impl IntoIterator<Item = MissingRight>) {
         let all = self.missing.lock();

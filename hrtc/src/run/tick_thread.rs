@@ -211,6 +211,9 @@ impl TickThread {
         if panic.is_some() {
             counting_allocator::arm(false);
             thread.ramp_down(&mut pacer, &lasting.written);
+        } else if lasting.written.iter().all(|of| *of == Wrench::ZERO) {
+            // No force is left to guard, however long the devices take to switch off.
+            thread.shared.lease.release();
         }
         for device in &mut thread.devices {
             survives(|| device.device.safe_off());
@@ -225,10 +228,7 @@ impl TickThread {
             .map(|seconds| (seconds * self.plan.rate_hz).ceil() as u64);
         while !self.shared.off.load(Ordering::Acquire) {
             let wake = pacer.wait();
-            if wake.tick == 0 || self.shared.first_tick_ns.load(Ordering::Relaxed) == 0 {
-                let first = &self.shared.first_tick_ns;
-                first.store(wake.start_ns, Ordering::Relaxed);
-            }
+            self.shared.note_first(&wake, self.plan.rate_hz);
             let stopping = self.shared.stop.load(Ordering::Relaxed)
                 || last_tick.is_some_and(|last| wake.tick >= last);
             let ticked = self.tick(&wake, stopping, lasting);

@@ -98,6 +98,8 @@ enum Look {
 #[derive(Debug)]
 pub(super) struct Watchdog {
     shared: Arc<Shared>,
+    /// Devices that it can stop.
+    stops: usize,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -110,6 +112,7 @@ impl Watchdog {
         priority: i32,
     ) -> std::io::Result<Self> {
         let watched = Arc::clone(&shared);
+        let count = stops.len();
         let thread = thread::Builder::new()
             .name("hrtc-watchdog".to_owned())
             .stack_size(WATCHDOG_STACK_BYTES)
@@ -120,8 +123,20 @@ impl Watchdog {
             })?;
         Ok(Self {
             shared,
+            stops: count,
             thread: Some(thread),
         })
+    }
+
+    /// What ends the force of so many devices where the tick does not write, in words.
+    pub fn what_ends_a_force(&self, devices: usize) -> &'static str {
+        match self.stops {
+            0 => "the devices have no safe stop and end a force as its validity ends",
+            all if all >= devices => "the watchdog brought the devices to zero",
+            _ => {
+                "the watchdog brought the devices with a safe stop to zero, and the others end a force as its validity ends"
+            }
+        }
     }
 
     /// Wakes it: an end or a request to switch off is seen at once.
@@ -149,7 +164,12 @@ fn watch(stops: &[Box<dyn SafeStop>], shared: &Shared) {
         }
         let look = shared.lease.look(monotonic_ns(), || stop_all(stops));
         if look == Look::Stopped {
-            shared.watchdog_stops.fetch_add(1, Ordering::Relaxed);
+            shared.expiries.fetch_add(1, Ordering::Relaxed);
+            // Without a safe stop only the end of its validity ends a force.
+            let has_stopped = u64::from(!stops.is_empty());
+            shared
+                .watchdog_stops
+                .fetch_add(has_stopped, Ordering::Relaxed);
         }
         let rest_ns = match look {
             Look::Stands(left) => left,

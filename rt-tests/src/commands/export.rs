@@ -3,12 +3,15 @@
 use crate::failure::{Chosen, Failure};
 use crate::report::output::{make_folder_at, print};
 use clap::Args;
-use hrtc::recorder::{Entry, RecordingReader};
+use hrtc::recorder::{Entry, Hole, RecordingReader};
 use hrtc::tick_record::{STAGES, TickRecord};
 use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
+
+/// Stretches of missing ticks that are named; of more only how many.
+const HOLES_NAMED: usize = 3;
 
 /// Arguments of `rt-tests export`.
 #[derive(Debug, Args)]
@@ -31,14 +34,46 @@ pub fn export(args: &ExportArgs) -> Result<(), Failure> {
     let beside = args.file.with_extension("csv");
     let folder = args.csv.clone().flatten().unwrap_or(beside);
     make_folder_at(Chosen::By("--csv"), &folder)?;
-    let probes = reader.head().setup.position_resolutions_m.len();
+    let probes = reader.head().probes();
     let written = write(reader, &folder, probes);
-    let ticks = written.map_err(|e| Failure::Run(format!("{}: {e}", folder.display())))?;
-    print(&format!("{ticks} ticks in {}\n", folder.display()))
+    let found = written.map_err(|e| Failure::Run(format!("{}: {e}", folder.display())))?;
+    print(&found.words(&folder))
 }
 
-/// Writes one table of the run's ticks and one of each probe; the number of ticks.
-fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u64> {
+/// What was written, and what could not be.
+#[derive(Debug, Default)]
+struct Exported {
+    ticks: u64,
+    /// Messages that are not as they were written.
+    damaged: u64,
+    /// Ticks that the recording lacks.
+    holes: Vec<Hole>,
+    /// Whether the recording has its end.
+    is_whole: bool,
+}
+
+impl Exported {
+    fn words(&self, folder: &Path) -> String {
+        let mut text = format!("{} ticks in {}", self.ticks, folder.display());
+        if self.damaged > 0 {
+            let _ = write!(text, "; {} damaged messages left out", self.damaged);
+        }
+        for hole in self.holes.iter().take(HOLES_NAMED) {
+            let _ = write!(text, "; ticks {} to {} are missing", hole.first, hole.last);
+        }
+        if self.holes.len() > HOLES_NAMED {
+            let more = self.holes.len() - HOLES_NAMED;
+            let _ = write!(text, "; {more} more stretches are missing");
+        }
+        if !self.is_whole {
+            text += "; it was cut short";
+        }
+        text + "\n"
+    }
+}
+
+/// Writes one table of the run's ticks and one of each probe.
+fn write(mut reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<Exported> {
     let create = |name: String| File::create(folder.join(name)).map(BufWriter::new);
     let mut run = create("ticks.csv".to_string())?;
     let stages = STAGES.map(|stage| format!("{stage}_ns")).join(",");
@@ -57,19 +92,33 @@ fn write(reader: RecordingReader, folder: &Path, probes: usize) -> io::Result<u6
              contact_full,energy_j,force_withheld"
         )?;
     }
-    let mut ticks = 0;
-    for entry in reader {
-        let Entry::Tick(record) = entry else { continue };
+    let mut found = Exported::default();
+    for entry in reader.by_ref() {
+        let record = match entry {
+            Entry::Tick(record) => record,
+            Entry::Damaged(_) => {
+                found.damaged += 1;
+                continue;
+            }
+            Entry::Hole(hole) => {
+                found.holes.push(hole);
+                continue;
+            }
+            _ => continue,
+        };
+        // Of a tick that is here only inputs or messages were lost, which no table has.
+        found.holes.retain(|hole| hole.last < record.tick);
         writeln!(run, "{}", run_row(&record))?;
         for (k, table) in tables.iter_mut().enumerate() {
             writeln!(table, "{}", probe_row(&record, k))?;
         }
-        ticks += 1;
+        found.ticks += 1;
     }
+    found.is_whole = reader.is_whole();
     for table in tables.iter_mut().chain([&mut run]) {
         table.flush()?;
     }
-    Ok(ticks)
+    Ok(found)
 }
 
 fn run_row(record: &TickRecord) -> String {
@@ -141,4 +190,37 @@ fn probe_row(record: &TickRecord, k: usize) -> String {
         core.depth_m, core.energy_j, core.force_withheld
     );
     row
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_in_the_tables_is_said() {
+        let folder = Path::new("out");
+        let whole = Exported {
+            ticks: 9,
+            is_whole: true,
+            ..Exported::default()
+        };
+        assert_eq!(whole.words(folder), "9 ticks in out\n");
+        let hole = |first: u64| Hole {
+            first,
+            last: first + 1,
+            reason: "a test".to_string(),
+        };
+        let found = Exported {
+            ticks: 9,
+            damaged: 2,
+            holes: [3, 7, 20, 30, 40].map(hole).to_vec(),
+            is_whole: false,
+        };
+        assert_eq!(
+            found.words(folder),
+            "9 ticks in out; 2 damaged messages left out; ticks 3 to 4 are missing; \
+             ticks 7 to 8 are missing; ticks 20 to 21 are missing; \
+             2 more stretches are missing; it was cut short\n"
+        );
+    }
 }

@@ -3,6 +3,7 @@
 use crate::failure::Failure;
 use hrtc::recorder::{Entry, RecordingError, RecordingPlace, RecordingReader, Twin, stands_alone};
 use hrtc::tick_record::TickRecord;
+use hrtc_core::record::max_or_nan;
 use scene::ScenePlan;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -23,6 +24,8 @@ pub struct Playback {
     pub plan: ScenePlan,
     /// First and last tick.
     pub ticks: [u64; 2],
+    /// Whether files before its first one are gone: a long run keeps its last ones only.
+    pub lacks_start: bool,
     /// The tick of the greatest force in contact; `None` where nothing was touched.
     pub strongest: Option<u64>,
     /// The greatest force in contact, newtons.
@@ -45,7 +48,7 @@ impl Playback {
                 Err(RecordingError::NotARecording(_)) => continue,
                 other => other.map_err(input)?,
             };
-            let incarnation = reader.head().setup.incarnation;
+            let (incarnation, segment) = (reader.head().setup.incarnation, reader.head().segment);
             if *run.get_or_insert(incarnation) != incarnation {
                 continue;
             }
@@ -60,6 +63,7 @@ impl Playback {
                         .clone()
                         .unwrap_or_else(|| unreachable!("the first file has it")),
                     ticks: [record.tick; 2],
+                    lacks_start: segment > 0,
                     strongest: None,
                     force_max_n: 0.0,
                 });
@@ -78,9 +82,13 @@ impl Playback {
             });
         }
         self.ticks[1] = record.tick;
-        let force = record.largest_force();
-        let is_touching = record.contacts.iter().any(Option::is_some);
-        if is_touching && (self.strongest.is_none() || force > self.force_max_n) {
+        // An effect may push a probe that touches nothing.
+        let probes = record.wrenches.iter().zip(&record.contacts);
+        let touching = probes.filter(|(_, contact)| contact.is_some());
+        let forces = touching.map(|(wrench, _)| wrench.force.length());
+        if let Some(force) = forces.reduce(max_or_nan)
+            && (self.strongest.is_none() || force > self.force_max_n)
+        {
             (self.strongest, self.force_max_n) = (Some(record.tick), force);
         }
     }

@@ -49,11 +49,34 @@ pub struct PairArgs<'a> {
 pub struct Outcome {
     /// What the controller counted.
     pub finished: Finished,
-    /// What the supervisor saw, a sentence each.
+    /// What disturbed it, a sentence each: a station that had to start again, an end by force.
     pub notes: Vec<String>,
+    /// Whether it ended before its time, on request.
+    pub is_early: bool,
 }
 
 impl Outcome {
+    /// The run, for who measures it: one that was disturbed is no measure.
+    ///
+    /// # Errors
+    /// With what disturbed it.
+    pub fn undisturbed(self) -> Result<Finished, Failure> {
+        if self.notes.is_empty() {
+            return Ok(self.finished);
+        }
+        Err(Failure::Run(self.notes.join("; ")))
+    }
+
+    /// What a report has to say of it, a sentence each.
+    #[must_use]
+    pub fn told(&self) -> Vec<String> {
+        let early = self.is_early.then(|| "ended early on request".to_string());
+        early
+            .into_iter()
+            .chain(self.notes.iter().cloned())
+            .collect()
+    }
+
     /// Fails with the figures of which a value was not finite.
     ///
     /// # Errors
@@ -98,7 +121,12 @@ pub fn run_pair(
         pair.station.terminate();
         pair.station.wait(ENDING);
         let notes = std::mem::take(&mut pair.notes);
-        finished.map(|finished| Outcome { finished, notes })
+        let is_early = pair.is_early;
+        finished.map(|finished| Outcome {
+            finished,
+            notes,
+            is_early,
+        })
     })
 }
 
@@ -120,6 +148,7 @@ struct Processes {
     events: Receiver<Event>,
     sender: Sender<Event>,
     notes: Vec<String>,
+    is_early: bool,
 }
 
 impl Processes {
@@ -160,6 +189,7 @@ impl Processes {
             events,
             sender,
             notes: Vec::new(),
+            is_early: false,
         })
     }
 
@@ -192,7 +222,7 @@ impl Processes {
             }
             if is_set(stop) && asked.is_none() {
                 asked = Some(Instant::now());
-                self.notes.push("ended early on request".to_string());
+                self.is_early = true;
                 self.controller.terminate();
             }
             let late = asked.is_some_and(|asked| asked.elapsed() > ENDING);
@@ -257,5 +287,28 @@ fn take(event: Event, finished: &mut Option<Finished>, show: &mut dyn FnMut(Show
             Err(_) => show(Shown::Said("controller", &line)),
         },
         Event::Line(name, line) | Event::Said(name, line) => show(Shown::Said(name, &line)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_disturbed_run_is_no_measure_and_one_that_ended_on_request_is_not_disturbed() {
+        let outcome = |notes: &[&str]| Outcome {
+            finished: Finished::default(),
+            notes: notes.iter().map(ToString::to_string).collect(),
+            is_early: true,
+        };
+        assert_eq!(
+            outcome(&["it hung"]).told(),
+            ["ended early on request", "it hung"]
+        );
+        assert_eq!(outcome(&[]).undisturbed(), Ok(Finished::default()));
+        assert_eq!(
+            outcome(&["it crashed", "it hung"]).undisturbed(),
+            Err(Failure::Run("it crashed; it hung".to_string()))
+        );
     }
 }

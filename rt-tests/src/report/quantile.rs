@@ -1,5 +1,6 @@
 //! Quantiles of measured numbers, by nearest rank.
 
+use hrtc_core::record::max_or_nan;
 use serde::Serialize;
 
 /// Sorts numbers so that they ascend; what is no number comes last, whatever its sign, so that it
@@ -28,6 +29,18 @@ pub fn median(values: &[f64]) -> f64 {
     let last = ascending.len().saturating_sub(1);
     let at = |place: usize| ascending.get(place).copied().unwrap_or(0.0);
     0.5 * (at(last / 2) + at(last.div_ceil(2)))
+}
+
+/// The smallest and the largest number; not a number of none, and where one of them is none.
+#[must_use]
+pub fn range(numbers: impl IntoIterator<Item = f64>) -> [f64; 2] {
+    let mut numbers = numbers.into_iter();
+    let Some(first) = numbers.next() else {
+        return [f64::NAN; 2];
+    };
+    numbers.fold([first; 2], |[low, high], number| {
+        [-max_or_nan(-low, -number), max_or_nan(high, number)]
+    })
 }
 
 /// Quantiles of some numbers; all 0 of none.
@@ -76,6 +89,16 @@ mod tests {
         for nan in [f64::NAN, -f64::NAN] {
             let found = Quantiles::of(&mut [3.0, nan, 1.0, f64::INFINITY]);
             assert!(found.max.is_nan() && found.p50 == 3.0, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_range_hides_neither_that_there_was_nothing_nor_what_is_no_number() {
+        assert_eq!(range([3.0, -1.0, 2.0]), [-1.0, 3.0]);
+        assert_eq!(range([-4.0]), [-4.0, -4.0]);
+        for numbers in [&[0.0; 0][..], &[1.0, f64::NAN], &[f64::NAN, 1.0]] {
+            let found = range(numbers.iter().copied());
+            assert!(found.iter().all(|of| of.is_nan()), "{found:?}");
         }
     }
 

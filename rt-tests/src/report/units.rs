@@ -63,7 +63,8 @@ pub fn digits(value: f64) -> String {
     without_zeros(format!("{value:.decimals$}"))
 }
 
-/// A number as the label of an axis: three digits, with an exponent when very small or large.
+/// A number as the label of an axis: three digits, or two with an exponent when very small or
+/// large.
 #[must_use]
 pub fn axis_label(value: f64) -> String {
     let size = value.abs();
@@ -71,7 +72,7 @@ pub fn axis_label(value: f64) -> String {
         return "0".to_string();
     }
     if !(1e-4..1e6).contains(&size) {
-        return format!("{value:.0e}");
+        return format!("{value:.1e}").replace(".0e", "e");
     }
     let decimals = (2.0 - size.log10().floor()).clamp(0.0, 6.0) as usize;
     without_zeros(format!("{value:.decimals$}"))
@@ -97,6 +98,10 @@ mod tests {
             (0.25, "0.25"),
             (2.5, "2.5"),
             (1e-7, "1e-7"),
+            (1e6, "1e6"),
+            (1.2e6, "1.2e6"),
+            (1e10, "1e10"),
+            (-2.5e-5, "-2.5e-5"),
             (17_600.0, "17600"),
             (-3.0, "-3"),
         ] {

@@ -68,6 +68,7 @@ fn a_picture_and_a_film_are_drawn_and_times_beyond_the_recording_refused() {
     let files = world.record(place(folder.path(), 1 << 30), None);
     let playback = Playback::open(&files[0]).unwrap();
     assert!(playback.strongest.is_some() && playback.force_max_n > 0.1);
+    assert!(!playback.lacks_start);
     let shots = Shots::new(&playback);
     let tick = playback.shown_tick();
     let still = shots.still(tick).unwrap();
@@ -132,4 +133,7 @@ fn of_a_tick_that_is_missing_no_other_one_is_drawn() {
     let refused = shots.still(next - 1).map(|of| of.0).unwrap_err();
     assert!(refused.to_string().contains("are missing"), "{refused}");
     assert_eq!(shots.still(next).map(|of| of.0), Ok(next));
+    std::fs::remove_file(&files[0]).unwrap();
+    let later = Playback::open(&folder.path().join("run.mcap")).unwrap();
+    assert!(later.lacks_start && later.ticks[0] == next);
 }

@@ -371,6 +371,23 @@ pub enum TrajectoryPlan {
     Points(Vec<(f64, Pose)>),
 }
 
+impl TrajectoryPlan {
+    /// Greatest speed of the hand on it, m/s; 0 where it stands still.
+    #[must_use]
+    pub fn greatest_speed_m_per_s(&self) -> f64 {
+        match self {
+            Self::Tour { speed_m_per_s, .. } => *speed_m_per_s,
+            Self::Points(points) => points
+                .windows(2)
+                .map(|pair| {
+                    let [(from_s, from), (until_s, until)] = [pair[0], pair[1]];
+                    from.position.distance(until.position) / (until_s - from_s)
+                })
+                .fold(0.0, f64::max),
+        }
+    }
+}
+
 /// Values of the command line, which replace those of the scene.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Overrides {

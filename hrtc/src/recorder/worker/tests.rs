@@ -157,6 +157,7 @@ fn a_tick_that_found_no_room_is_marked_and_those_before_it_replay() {
     let (mut worker, mut queue) = worker(folder.path(), head, files);
     take(&mut worker, &mut queue, &run);
     assert!(worker.twin.is_none() && worker.late.is_none());
+    assert!(worker.has_told_loss && !worker.has_told_late);
     let (_, found) = finish(worker);
     assert!(found[0].equal && !found[0].whole, "{found:?}");
     assert_eq!(found[0].ticks, lost);

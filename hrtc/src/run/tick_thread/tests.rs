@@ -1,9 +1,10 @@
 //! Ways out of the tick thread, on the thread of the test.
 
 use super::*;
+use crate::run::watchdog::Watchdog;
 use crate::setup::ControllerSetup;
 use geometry::Pose;
-use haptic_device::{Capabilities, Device, GuardedDevice};
+use haptic_device::{Capabilities, Device, GuardedDevice, SafeStop};
 use hrtc_core::streaming::subscriber::Identity;
 use realtime::pacer::Miss;
 use rtrb::RingBuffer;
@@ -11,6 +12,7 @@ use scene::{NoFiles, Overrides, parse};
 use std::cell::Cell;
 use std::path::Path;
 use std::sync::Mutex;
+use std::time::Duration;
 
 thread_local! {
     /// Ticks of this thread until its core panics in the middle of one; never at 0.
@@ -32,11 +34,14 @@ struct Told {
     forces: Vec<f64>,
     offs: usize,
     ended_before_off: bool,
+    /// Whether the watchdog saw a force expire while it was being switched off.
+    expired_in_off: bool,
 }
 
 struct Panics {
     read_in: u32,
     write_in: u32,
+    off_takes: Duration,
     told: Arc<Mutex<Told>>,
     shared: Arc<Shared>,
 }
@@ -57,7 +62,11 @@ impl Device for Panics {
         self.told.lock().unwrap().forces.push(force);
     }
     fn safe_off(&mut self) {
+        let expiries = || self.shared.expiries.load(Ordering::Relaxed);
+        let before = expiries();
+        std::thread::sleep(self.off_takes);
         let mut told = self.told.lock().unwrap();
+        told.expired_in_off |= expiries() != before;
         told.offs += 1;
         told.ended_before_off |= self.shared.ended.load(Ordering::Relaxed);
     }
@@ -65,6 +74,11 @@ impl Device for Panics {
 
 /// A thread that ticks without a station, and what its device is told.
 fn thread(read_in: u32, write_in: u32) -> (TickThread, Arc<Mutex<Told>>) {
+    thread_with(read_in, write_in, Duration::ZERO)
+}
+
+/// The same with a device that takes so long to switch off.
+fn thread_with(read_in: u32, write_in: u32, off_takes: Duration) -> (TickThread, Arc<Mutex<Told>>) {
     let text = "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\ncore = -1\npriority = 1\n[[probe]]\n";
     let overrides = Overrides::default();
     let mut plan = parse(text, "ends", Path::new(""), &overrides, &NoFiles).unwrap();
@@ -73,6 +87,7 @@ fn thread(read_in: u32, write_in: u32) -> (TickThread, Arc<Mutex<Told>>) {
     let device = GuardedDevice::new(Box::new(Panics {
         read_in,
         write_in,
+        off_takes,
         told: Arc::clone(&told),
         shared: Arc::clone(&shared),
     }));
@@ -178,6 +193,28 @@ fn a_run_that_is_switched_off_ends_without_a_ramp() {
     assert!(told.lock().unwrap().offs >= 1);
 }
 
+struct NoStop;
+
+impl SafeStop for NoStop {
+    fn stop(&self) {}
+}
+
+/// Zero is written by then: nothing expires, and the watchdog has nothing to stop.
+#[test]
+fn a_device_that_is_slow_to_switch_off_at_the_end_is_not_stopped() {
+    // The watchdog looks at least once in such a time after a wrench has expired.
+    let long = Duration::from_nanos(4 * COMMAND_VALIDITY_NS);
+    let (thread, told) = thread_with(0, 0, long);
+    let shared = Arc::clone(&thread.shared);
+    let watchdog = Watchdog::spawn(vec![Box::new(NoStop)], Arc::clone(&shared), 1).unwrap();
+    shared.stop.store(true, Ordering::Relaxed);
+    let end = thread.run();
+    assert!(end.panic.is_none());
+    drop(watchdog);
+    let told = told.lock().unwrap();
+    assert!(told.offs >= 1 && !told.expired_in_off);
+}
+
 #[test]
 fn a_full_ring_to_the_link_is_counted() {
     let (mut thread, _) = thread(0, 0);
@@ -189,9 +226,9 @@ fn a_full_ring_to_the_link_is_counted() {
     assert_eq!(thread.shared.contacts_lost.load(Ordering::Relaxed), 2);
 }
 
-#[test]
-fn after_a_lost_period_the_time_counts_from_the_one_that_the_tick_is_in() {
-    let wake = |lost: u32, start_ns: u64| Wake {
+/// Tick 7, behind so many periods that the sleep lost.
+fn wake(lost: u32, start_ns: u64) -> Wake {
+    Wake {
         tick: 7,
         planned_ns: 1_000_000,
         start_ns,
@@ -207,7 +244,19 @@ fn after_a_lost_period_the_time_counts_from_the_one_that_the_tick_is_in() {
         period_ns: 0,
         spun_ns: 0,
         extra_switches: 0,
-    };
+    }
+}
+
+#[test]
+fn times_since_the_start_count_from_tick_0_also_where_it_was_skipped() {
+    let shared = Shared::default();
+    shared.note_first(&wake(7, 9_000_000), 1000.0);
+    shared.note_first(&wake(7, 10_000_000), 1000.0);
+    assert_eq!(shared.first_tick_ns.load(Ordering::Relaxed), 2_000_000);
+}
+
+#[test]
+fn after_a_lost_period_the_time_counts_from_the_one_that_the_tick_is_in() {
     for (lost, start_ns) in [(0, 1_001_000), (3, 4_001_000)] {
         let wake = wake(lost, start_ns);
         let ends = ends_of(&wake, 1e6);

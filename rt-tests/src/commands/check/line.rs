@@ -151,11 +151,15 @@ impl Line {
     pub fn work(rate_hz: f64, run: &RunResult) -> Self {
         let period_us = 1e6 / rate_hz;
         let share = run.work_us.p999 / period_us;
+        let missed = run.missed_own_cpu;
+        let missed_share = missed as f64 / (run.missed + run.ticks).max(1) as f64;
+        let verdict =
+            Verdict::small(share, WORK_SHARES).max(Verdict::small(missed_share, MISSED_SHARES));
         Self::new(
             "work of a tick",
-            Verdict::small(share, WORK_SHARES),
+            verdict,
             format!(
-                "half within {} µs, 999 of 1000 within {}, {} % of the period",
+                "half within {} µs, 999 of 1000 within {}, {} % of the period; {missed} periods missed by the work",
                 digits(run.work_us.p50),
                 digits(run.work_us.p999),
                 digits(100.0 * share)
@@ -219,16 +223,7 @@ impl Line {
 
 /// Greatest speed of a hand on its path, m/s; `None` without a path, or where it stands still.
 fn hand_speed(path: &TrajectoryPlan) -> Option<f64> {
-    let speed = match path {
-        TrajectoryPlan::Tour { speed_m_per_s, .. } => *speed_m_per_s,
-        TrajectoryPlan::Points(points) => points
-            .windows(2)
-            .map(|pair| {
-                let [(from_s, from), (until_s, until)] = [pair[0], pair[1]];
-                from.position.distance(until.position) / (until_s - from_s)
-            })
-            .fold(0.0, f64::max),
-    };
+    let speed = path.greatest_speed_m_per_s();
     (speed > 0.0).then_some(speed)
 }
 
@@ -259,6 +254,28 @@ mod tests {
         assert_eq!(Verdict::large(2.0, FORCE_RATIOS), Verdict::Good);
         assert_eq!(Verdict::large(0.5, FORCE_RATIOS), Verdict::Fair);
         assert_eq!(Verdict::large(0.1, FORCE_RATIOS), Verdict::Bad);
+    }
+
+    #[test]
+    fn periods_missed_by_the_work_count_beside_its_time() {
+        let mut run = RunResult {
+            ticks: 10_000,
+            // By others.
+            missed: 500,
+            ..RunResult::default()
+        };
+        run.work_us.p999 = 100.0;
+        let of = |run: &RunResult| Line::work(1000.0, run);
+        assert_eq!(of(&run).verdict, Verdict::Good);
+        run.missed_own_cpu = 5;
+        assert_eq!(of(&run).verdict, Verdict::Fair);
+        run.missed_own_cpu = 50;
+        let line = of(&run);
+        assert_eq!(line.verdict, Verdict::Bad);
+        assert!(line.says.contains("50 periods missed by the work"));
+        run.missed_own_cpu = 0;
+        run.work_us.p999 = 950.0;
+        assert_eq!(of(&run).verdict, Verdict::Bad);
     }
 
     #[test]

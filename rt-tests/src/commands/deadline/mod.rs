@@ -92,6 +92,8 @@ pub struct Row {
     pub missed_own_cpu: u64,
     /// Periods missed in all.
     pub missed: u64,
+    /// Periods of which no record came: they are in no other figure.
+    pub unaccounted_periods: i64,
     /// Ticks that spent more than they might.
     pub units_over_budget_ticks: u64,
     /// Processor time of a tick, microseconds.
@@ -125,6 +127,7 @@ impl Row {
             unfinished_ticks: run.unfinished_ticks,
             missed_own_cpu: run.missed_own_cpu,
             missed: run.missed,
+            unaccounted_periods: run.unaccounted_periods,
             units_over_budget_ticks: run.governor.over_budget_ticks,
             work_us: run.work_us,
             reference_work_us: reference.work_us,
@@ -148,6 +151,7 @@ impl Row {
     #[must_use]
     pub fn passes(&self) -> bool {
         self.missed_own_cpu == 0
+            && self.unaccounted_periods == 0
             && self.units_over_budget_ticks == 0
             && self.contact_ticks > 0
             && self.contact_unbounded_ticks == 0
@@ -223,15 +227,24 @@ fn row(
         record: Some(&off),
         device: None,
     };
-    let run = run_pair(&pair, stop, &mut |_| ())?.finished.result;
+    let outcome = run_pair(&pair, stop, &mut |_| ())?;
+    check_stop(stop)?;
+    let run = outcome.undisturbed()?.result;
     let work = BareWork {
         ns: (1e3 * run.work_us.p50) as u64,
         slow,
     };
     let reference_s = seconds * REFERENCE_SHARE;
     let reference = run_bare(&plan.loop_, other_core(&plan), reference_s, work, stop)?.result;
+    check_stop(stop)?;
+    Ok(Row::new(scene, slow, seed, &run, &reference))
+}
+
+/// # Errors
+/// When the command is to end.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
     if is_set(stop) {
         return Err(Failure::Run("interrupted".to_string()));
     }
-    Ok(Row::new(scene, slow, seed, &run, &reference))
+    Ok(())
 }

@@ -101,10 +101,11 @@ fn verdict(found: &Deadline) -> String {
     let rows = &found.rows;
     let runs = |of: fn(&Row) -> bool| rows.iter().filter(|row| of(row)).count();
     format!(
-        "of {} runs: {} with own misses ({} of their references), {} over a budget, {} with a p99.9 over {MAX_P999_RATIO} times the reference's, {} without a touch, {} with contacts without a certified error ({} ticks), {} with a figure that is not finite\n{}\n",
+        "of {} runs: {} with own misses ({} of their references), {} with lost records, {} over a budget, {} with a p99.9 over {MAX_P999_RATIO} times the reference's, {} without a touch, {} with contacts without a certified error ({} ticks), {} with a figure that is not finite\n{}\n",
         rows.len(),
         runs(|row| row.missed_own_cpu > 0),
         runs(|row| row.reference_missed_own_cpu > 0),
+        runs(|row| row.unaccounted_periods != 0),
         runs(|row| row.units_over_budget_ticks > 0),
         runs(|row| !row.is_steady()),
         runs(|row| row.contact_ticks == 0),
@@ -133,10 +134,11 @@ mod tests {
     #[test]
     fn a_run_passes_when_all_that_is_asked_was_kept() {
         assert!(kept().passes());
-        let faults: [fn(&mut Row); 7] = [
+        let faults: [fn(&mut Row); 8] = [
             |row| row.contact_ticks = 0,
             |row| row.contact_unbounded_ticks = 1,
             |row| row.missed_own_cpu = 1,
+            |row| row.unaccounted_periods = 1,
             |row| row.units_over_budget_ticks = 1,
             |row| row.reference_p999_ratio = 1.6,
             |row| row.reference_p999_ratio = f64::NAN,

@@ -336,6 +336,12 @@ impl Undisturbed {
                 result.missed_own_cpu, result.page_faults_missed
             ));
         }
+        if result.unaccounted_periods != 0 {
+            wrong.push(format!(
+                "{} periods without a record: they are in no figure",
+                result.unaccounted_periods
+            ));
+        }
         let (step, limit) = (result.force_step_per_period_n_max, self.limit_n());
         if step > limit {
             wrong.push(format!(
@@ -412,8 +418,9 @@ mod tests {
             resync_ms: RESYNC_MS,
         };
         assert_eq!(undisturbed.complaints(&good()), Vec::<String>::new());
-        let spoil: [fn(&mut Touched); 7] = [
+        let spoil: [fn(&mut Touched); 8] = [
             |of| of.finished.result.missed_own_cpu = 1,
+            |of| of.finished.result.unaccounted_periods = 1,
             |of| of.finished.result.force_step_per_period_n_max = 0.31,
             |of| of.finished.result.contact_ticks = 0,
             |of| of.finished.result.front_hash = 6,

@@ -1,7 +1,7 @@
 //! What is judged.
 
 use super::calibration::{ASKED_OVER_TRUE, Calibration};
-use super::{ModelFronts, Percentiles};
+use super::{Costs, ModelFronts, Percentiles};
 use crate::models::Model;
 
 /// The longest chain of dependencies that a model may have, up to a million faces.
@@ -42,6 +42,13 @@ pub fn chain(model: &Model) -> u32 {
 #[must_use]
 pub fn broken(m: &ModelFronts) -> Vec<String> {
     let mut broken = Vec::new();
+    let (comparisons, samples) = (m.walk.comparisons, m.certified_samples);
+    if has_splits(m) && (comparisons == 0 || samples == 0) {
+        broken.push(format!(
+            "{}: nothing was compared: {comparisons} comparisons on a walk, {samples} distances",
+            m.model
+        ));
+    }
     let mut limit = |name: &str, value: f64, most: f64| {
         // What is no number is beyond every limit.
         let is_within = value <= most;
@@ -75,8 +82,7 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
         limit("dial.exceeded_share", m.dial.exceeded_share, MAX_EXCEEDED);
         // The mesh may be the reason, and is named then; the limit stands all the same.
         let reason = format!(
-            "dial.asked_over_true_p50 (on the coarsest fronts that keep what is asked {:.2}, where those reach the \
-             limit {:.2}, too fine {:.1} %)",
+            "dial.asked_over_true_p50 (best {:.2}, within reach {:.2}, too fine {:.1} %)",
             m.dial.asked_over_attainable_p50,
             m.dial.asked_over_true_within_reach_p50,
             m.dial.too_fine_share * 100.0,
@@ -98,22 +104,38 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
     broken
 }
 
-/// Whether single operations are long enough for the clock.
+/// Whether single operations, of the kinds that were timed, are long enough for the clock.
 #[must_use]
 pub fn is_timed_singly(m: &ModelFronts) -> bool {
-    let shortest = m.single.split_ns.p50.min(m.single.collapse_ns.p50);
-    shortest >= m.clock_ns as f64
+    let Costs {
+        split_ns,
+        collapse_ns,
+        timed_splits,
+        timed_collapses,
+    } = m.single;
+    // What is no number is judged, too.
+    let is_long = |ns: f64| ns.is_nan() || ns >= m.clock_ns as f64;
+    let kinds = [(split_ns, timed_splits), (collapse_ns, timed_collapses)];
+    let mut timed = kinds.iter().filter(|(_, times)| *times > 0);
+    timed.all(|(ns, _)| is_long(ns.p50))
+}
+
+/// Whether the model has a split: one without has no front but its full mesh, and nothing of it is
+/// judged but that.
+#[must_use]
+pub fn has_splits(m: &ModelFronts) -> bool {
+    m.chain > 0
 }
 
 /// Whether any tolerance counts.
-fn counts(calibration: &Calibration) -> bool {
+#[must_use]
+pub fn counts(calibration: &Calibration) -> bool {
     calibration.cases.iter().any(|case| case.counts)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::commands::fronts::Costs;
     use crate::commands::fronts::calibration::Case;
 
     fn slow(timed_splits: usize, timed_collapses: usize) -> ModelFronts {
@@ -162,6 +184,33 @@ mod tests {
             ..batched
         };
         assert_eq!(names(&short), medians.map(|name| format!("batch.{name}")));
+        assert_eq!(names(&ModelFronts::default()), [""; 0]);
+    }
+
+    #[test]
+    fn a_kind_that_was_not_timed_does_not_hide_the_other() {
+        assert!(is_timed_singly(&slow(0, 100)) && is_timed_singly(&slow(100, 0)));
+        let mut m = slow(100, 0);
+        m.single.collapse_ns = Percentiles::default();
+        assert!(is_timed_singly(&m));
+        assert_eq!(names(&m), ["split_ns.p50", "split_ns.p99"]);
+        m.clock_ns = 3000;
+        assert!(!is_timed_singly(&m));
+    }
+
+    #[test]
+    fn a_model_with_splits_of_which_nothing_was_compared_does_not_pass() {
+        let mut m = ModelFronts {
+            chain: 1,
+            chain_limit: 1,
+            ..ModelFronts::default()
+        };
+        assert_eq!(names(&m), ["nothing"]);
+        m.walk.comparisons = 1;
+        assert_eq!(names(&m), ["nothing"]);
+        m.certified_samples = 1;
+        assert_eq!(names(&m), [""; 0]);
+        // Without a split there is nothing to compare.
         assert_eq!(names(&ModelFronts::default()), [""; 0]);
     }
 

@@ -1,7 +1,9 @@
 //! The table of the terminal, at most 160 columns wide.
 
 use super::calibration::ASKED_OVER_TRUE;
-use super::limits::{MAX_CHAIN, MAX_EXCEEDED, MAX_NS, MAX_TOO_FINE, broken, is_timed_singly};
+use super::limits::{
+    MAX_CHAIN, MAX_EXCEEDED, MAX_NS, MAX_TOO_FINE, broken, counts, has_splits, is_timed_singly,
+};
 use super::{Fronts, ModelFronts};
 use crate::report::table::Table;
 use std::fmt::Write;
@@ -75,6 +77,18 @@ pub fn row(m: &ModelFronts) -> String {
     if name.chars().count() > NAME {
         name = name.chars().take(NAME - 1).chain(['…']).collect();
     }
+    let dial = |text: String| {
+        if counts(&m.dial) {
+            text
+        } else {
+            "-".to_string()
+        }
+    };
+    let time = |ns: f64, times: usize| match times {
+        0 => "-".to_string(),
+        _ => format!("{ns:.0}"),
+    };
+    let (splits, collapses) = (m.single.timed_splits, m.single.timed_collapses);
     columns().line([
         name,
         m.faces.to_string(),
@@ -87,15 +101,15 @@ pub fn row(m: &ModelFronts) -> String {
         format!("{:.1}", m.certified_ratio.p50),
         format!("{:.1}", m.certified_ratio.p95),
         m.certified_violations.to_string(),
-        format!("{:.2}", m.dial.asked_over_true_p50),
-        format!("{:.2}", m.dial.asked_over_attainable_p50),
-        format!("{:.2}", m.dial.asked_over_true_within_reach_p50),
-        format!("{:.1}%", 100.0 * m.dial.too_fine_share),
-        format!("{:.3}%", 100.0 * m.dial.exceeded_share),
-        format!("{:.0}", m.single.split_ns.p50),
-        format!("{:.0}", m.single.split_ns.p99),
-        format!("{:.0}", m.single.collapse_ns.p50),
-        format!("{:.0}", m.single.collapse_ns.p99),
+        dial(format!("{:.2}", m.dial.asked_over_true_p50)),
+        dial(format!("{:.2}", m.dial.asked_over_attainable_p50)),
+        dial(format!("{:.2}", m.dial.asked_over_true_within_reach_p50)),
+        dial(format!("{:.1}%", 100.0 * m.dial.too_fine_share)),
+        dial(format!("{:.3}%", 100.0 * m.dial.exceeded_share)),
+        time(m.single.split_ns.p50, splits),
+        time(m.single.split_ns.p99, splits),
+        time(m.single.collapse_ns.p50, collapses),
+        time(m.single.collapse_ns.p99, collapses),
     ])
 }
 
@@ -104,7 +118,8 @@ pub fn row(m: &ModelFronts) -> String {
 pub fn foot(models: &[ModelFronts]) -> String {
     let mut text = String::from(
         "chain: beyond a million faces the limit grows by 4 a doubling; \
-         best: on the coarsest fronts that keep the tolerance;\n\
+         best: on the coarsest fronts that keep the tolerance; \
+         -: nothing to judge\n\
          reach: where best is at most 3.5; \
          too fine: stretches where asked/true is beyond 3.5, and beyond best\n",
     );
@@ -125,7 +140,14 @@ pub fn foot(models: &[ModelFronts]) -> String {
             batch.collapse_ns.p50,
             batch.collapse_ns.p99,
         );
-        if single.timed_splits > 0 && !is_timed_singly(m) {
+        if !has_splits(m) {
+            let _ = writeln!(
+                text,
+                "{}: without a split: there is no front to compare with the full mesh",
+                m.model
+            );
+        }
+        if !is_timed_singly(m) {
             let _ = writeln!(
                 text,
                 "{}: one takes less than reading the clock ({} ns): only the batches are judged",
@@ -149,7 +171,7 @@ pub fn table(found: &Fronts) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::commands::fronts::calibration::Calibration;
+    use crate::commands::fronts::calibration::{Calibration, Case};
     use crate::commands::fronts::{Costs, Percentiles, Ratio};
 
     #[test]
@@ -171,12 +193,17 @@ mod tests {
                 asked_over_true_p50: 806.82,
                 asked_over_attainable_p50: 234.56,
                 too_fine_share: 0.99,
+                cases: vec![Case {
+                    counts: true,
+                    ..Case::default()
+                }],
                 ..Calibration::default()
             },
             single: Costs {
                 split_ns: ns,
                 collapse_ns: ns,
-                ..Costs::default()
+                timed_splits: 1,
+                timed_collapses: 1,
             },
             ..ModelFronts::default()
         };
@@ -192,7 +219,17 @@ mod tests {
         let limits = "0 40 0 3.5 3.5 25% 0.10% 1000 5000 1000 5000";
         assert_eq!(words[2..].join(" "), limits);
         assert!(shown.contains("a-part-with-a-ver…"));
+        let bare = row(&ModelFronts::default());
+        let nothing = bare.split_whitespace().filter(|word| *word == "-");
+        assert_eq!(
+            nothing.count(),
+            9,
+            "five of the dial and four times: {bare}"
+        );
         let foot = foot(&[model]);
-        assert!(foot.lines().all(|line| line.chars().count() <= 160));
+        assert!(
+            foot.lines().all(|line| line.chars().count() <= 160),
+            "{foot}"
+        );
     }
 }

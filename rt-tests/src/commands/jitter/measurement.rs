@@ -111,12 +111,7 @@ impl<'a> Measurement<'a> {
             self.bar
                 .set_message(format!("round {} of {rounds}", round + 1));
             self.round(round, rounds, stop)?;
-            if is_set(stop) {
-                return Err(Failure::Run(
-                    "ended on request before every round was measured; there is no verdict"
-                        .to_string(),
-                ));
-            }
+            check_stop(stop)?;
             // Without its load a round says something else.
             if let Some(load) = &mut load
                 && let Some(status) = load.ended()
@@ -224,7 +219,11 @@ impl<'a> Measurement<'a> {
                 bar.println(format!("{name}: {line}"));
             }
         };
-        self.steal_over(|| Ok(run_pair(&pair, stop, &mut show)?.finished))
+        self.steal_over(|| {
+            let outcome = run_pair(&pair, stop, &mut show)?;
+            check_stop(stop)?;
+            outcome.undisturbed()
+        })
     }
 
     /// A block of the loop with fixed arithmetic, or with an empty body for 0 ns.
@@ -237,6 +236,17 @@ impl<'a> Measurement<'a> {
         };
         self.steal_over(|| run_bare(plan, core, seconds, work, stop))
     }
+}
+
+/// # Errors
+/// When the command is to end.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(Failure::Run(
+            "ended on request before every round was measured; there is no verdict".to_string(),
+        ));
+    }
+    Ok(())
 }
 
 /// Ours over theirs; what is below [`SAME_WAKE_US`] is equal.

@@ -139,7 +139,7 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         return Err(failure);
     }
     let machine = Machine::read();
-    let mut notes = outcome.notes.clone();
+    let mut notes = outcome.told();
     notes.extend(viewer.and_then(Viewer::finish));
     let picture = touch_picture(&record, &mut notes);
     let report = Report {
@@ -208,7 +208,17 @@ fn touch_picture(record: &Path, notes: &mut Vec<String>) -> Option<Vec<u8>> {
     }
     let line = status_line();
     line.set_message("drawing the touch");
-    let drawn = Playback::open(record).and_then(|of| Shots::new(&of).strongest_png());
+    let drawn = Playback::open(record).and_then(|of| {
+        let picture = Shots::new(&of).strongest_png()?;
+        if of.lacks_start {
+            let [first, last] = of.ticks;
+            notes.push(format!(
+                "the picture is of the last {:.1} s: what was recorded before had to go",
+                of.seconds(last - first + 1)
+            ));
+        }
+        Ok(picture)
+    });
     line.finish_and_clear();
     if let Err(failure) = &drawn {
         notes.push(format!("there is no picture of the touch: {failure}"));

@@ -10,6 +10,7 @@ use crate::failure::Failure;
 use crate::models::Model;
 use crate::models::surface::Surface as Full;
 use crate::report::chart::{Axis, COLORS, Chart, Curve, GREY, Stroke, Unit, xs, ys};
+use crate::report::quantile::range;
 use crate::report::units::digits;
 use glam::DVec3;
 use spm_builder::{BuildOptions, NoProgress, SoupMesh};
@@ -28,11 +29,7 @@ const LARGE: Probe = Probe {
 
 /// The smallest and the largest of some ratios, in words.
 fn span(of: &[f64]) -> String {
-    let (low, high) = of
-        .iter()
-        .fold((f64::INFINITY, 0.0_f64), |(low, high), &ratio| {
-            (low.min(ratio), high.max(ratio))
-        });
+    let [low, high] = range(of.iter().copied());
     format!("{} to {}", digits(low), digits(high))
 }
 

@@ -6,7 +6,7 @@ use crate::clocks::Clocks;
 use crate::failure::Failure;
 use crate::models::Model;
 use crate::report::chart::{Axis, Chart, Curve, Stroke, Unit, xs, ys};
-use crate::report::quantile::median;
+use crate::report::quantile::{median, range};
 use crate::report::units::digits;
 use protocol::AnswersWriter;
 use station_core::collection::{RegionAt, closure};
@@ -139,8 +139,8 @@ pub fn load(study: &Study) -> Result<Figure, Failure> {
         let y = Axis::over("µs", Unit::Time, ys(&curves));
         Chart::new(title, x, y, curves)
     };
-    let most = |of: &[f64]| of.iter().copied().fold(0.0, f64::max);
-    let least = |of: &[f64]| of.iter().copied().fold(f64::INFINITY, f64::min);
+    let [least_ns, most_ns] = range(slopes);
+    let [least_share, most_share] = range(shares);
     Ok(Figure {
         figure: "5.8",
         title: "Load of the station for a subscription",
@@ -149,10 +149,10 @@ pub fn load(study: &Study) -> Result<Figure, Failure> {
              is the collecting: both grow in proportion to the records, as the thesis says. Its first cost, a walk \
              through the whole sequence, is not there: the file's index names the first splits of a region, and the \
              rest follows from their ids. The thesis publishes no times.",
-            digits(least(&slopes)),
-            digits(most(&slopes)),
-            digits(100.0 * least(&shares)),
-            digits(100.0 * most(&shares))
+            digits(least_ns),
+            digits(most_ns),
+            digits(100.0 * least_share),
+            digits(100.0 * most_share)
         ),
         series,
         quotes: vec![

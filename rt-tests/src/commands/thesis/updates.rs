@@ -8,7 +8,7 @@ use crate::commands::compare::marking::{Marking, Spread, markings, shares};
 use crate::failure::Failure;
 use crate::models::surface::Surface;
 use crate::report::chart::{Axis, Chart, Curve, GREY, Stroke, Unit, xs, ys};
-use crate::report::quantile::median;
+use crate::report::quantile::{median, range};
 use crate::report::units::digits;
 
 /// The thesis: an update of at most this share of the faces ...
@@ -39,10 +39,7 @@ pub fn figure_4_7(study: &Study) -> Result<Figure, Failure> {
             .collect();
         let apart = proportion(&even);
         spread.push(apart);
-        let marked = rows
-            .iter()
-            .map(|row| f64::from(row.marked_max) / row.bound as f64)
-            .fold(0.0, f64::max);
+        let [_, marked] = range(rows.iter().map(marked_over_bound));
         series.push(
             Series::new(
                 format!("{}: nodes marked over Theorem 2, most", of.name),
@@ -62,7 +59,7 @@ pub fn figure_4_7(study: &Study) -> Result<Figure, Failure> {
         let full = Surface::new(of.model.full_triangles());
         let shares = shares(&of.model, &full, random)?;
         let tenth = shares.iter().filter(|row| row.deformed_share >= SHARE);
-        let of_a_touch = tenth.map(|row| row.share_p50).fold(0.0, f64::max);
+        let [_, of_a_touch] = range(tenth.map(|row| row.share_p50));
         local.push(of_a_touch);
         let of_two = of_a_query_of_two(study, of, &front, &rows)?;
         whole.push(of_two);
@@ -82,7 +79,7 @@ pub fn figure_4_7(study: &Study) -> Result<Figure, Failure> {
         charts.push(chart(of, &even));
         all.extend(rows);
     }
-    let most = |of: &[f64]| digits(of.iter().copied().fold(0.0, f64::max));
+    let most = |of: &[f64]| digits(range(of.iter().copied())[1]);
     let says = format!(
         "{} Where the deformed leaves lie evenly, which marks \
          most, and are at most an eighth of all, time over the theorem's count varies by a factor of at most {} \
@@ -130,8 +127,7 @@ pub fn figure_4_7(study: &Study) -> Result<Figure, Failure> {
 /// Whether the nodes marked keep the theorem, in a sentence.
 fn says_marked(rows: &[Marking]) -> String {
     let over = |row: &&Marking| u64::from(row.marked_max) > row.bound;
-    let ratio = |row: &Marking| f64::from(row.marked_max) / row.bound as f64;
-    let beyond: Vec<f64> = rows.iter().filter(over).map(ratio).collect();
+    let beyond: Vec<f64> = rows.iter().filter(over).map(marked_over_bound).collect();
     if beyond.is_empty() {
         return "No update marked more nodes than Theorem 2 allows.".to_string();
     }
@@ -139,8 +135,12 @@ fn says_marked(rows: &[Marking]) -> String {
         "Of {} ways to deform leaves {} marked more nodes than Theorem 2 allows, up to {} times as many.",
         rows.len(),
         beyond.len(),
-        digits(beyond.iter().copied().fold(0.0, f64::max))
+        digits(range(beyond.iter().copied())[1])
     )
+}
+
+fn marked_over_bound(row: &Marking) -> f64 {
+    f64::from(row.marked_max) / row.bound as f64
 }
 
 /// Rows whose time says what a leaf costs.
@@ -155,8 +155,8 @@ fn ns_a_node(row: &Marking) -> f64 {
 
 /// Time over the theorem's count, the largest over the smallest.
 fn proportion(even: &[&Marking]) -> f64 {
-    let most = fitting(even).map(ns_a_node).fold(0.0, f64::max);
-    most / fitting(even).map(ns_a_node).fold(f64::INFINITY, f64::min)
+    let [low, high] = range(fitting(even).map(ns_a_node));
+    high / low
 }
 
 /// An update of a tenth of all faces, in a patch, over the query of a model and its copy.
@@ -170,7 +170,7 @@ fn of_a_query_of_two(
     let patches = || rows.iter().filter(|row| row.spread == Spread::Patch);
     // Between two measured k the time is taken to be proportional.
     let below = patches().rfind(|row| f64::from(row.deformed) <= tenth);
-    let update = below.map_or(0.0, |row| {
+    let update = below.map_or(f64::NAN, |row| {
         row.update_p50_ns * tenth / f64::from(row.deformed)
     });
     let poses = touching(&of.model, front, &mut study.random())?;
@@ -225,15 +225,11 @@ pub fn costs(study: &Study) -> Result<Figure, Failure> {
     let counts: Vec<[f64; 3]> = counts.collect();
     let [boxes, faces] = fit(&counts);
     let apart = counts.iter().map(|[b, f, ns]| (boxes * b + faces * f) / ns);
-    let (low, high) = apart.fold((f64::INFINITY, 0.0_f64), |(low, high), ratio| {
-        (low.min(ratio), high.max(ratio))
-    });
+    let [low, high] = range(apart);
     series.push(Series::new("pair of boxes: C_bv", "ns", boxes));
     series.push(Series::new("pair of faces: C_p", "ns", faces));
     let leaves = build.iter().map(|(n, us)| us * 1e3 / n);
-    let (fast, slow) = leaves.fold((f64::INFINITY, 0.0_f64), |(low, high), ns| {
-        (low.min(ns), high.max(ns))
-    });
+    let [fast, slow] = range(leaves);
     let curve = Curve::new("models", study.models[0].color, Stroke::Dots, build);
     let curves = vec![curve];
     let x = Axis::over("faces of the full mesh: n", Unit::Number, xs(&curves));
@@ -312,6 +308,11 @@ mod tests {
         let beyond = says_marked(&[row(12), row(18), row(24)]);
         assert!(beyond.contains("Of 3 ways") && beyond.contains("2 marked more"));
         assert!(beyond.contains("up to 2 times"), "{beyond}");
+    }
+
+    #[test]
+    fn without_a_row_that_fits_there_is_no_proportion() {
+        assert!(proportion(&[]).is_nan());
     }
 
     #[test]

@@ -215,7 +215,8 @@ fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
 /// Runs the scene with stamps.
 ///
 /// # Errors
-/// When a process fails, the device touches too little, or the run is ended on request.
+/// When a process fails or starts again, the device touches too little, or the run is ended on
+/// request.
 pub(super) fn measure(
     scene: &Path,
     plan: &ScenePlan,
@@ -249,9 +250,10 @@ pub(super) fn measure(
     check_stop(&stop)?;
     let outcome = outcome?;
     outcome.check_finite()?;
+    let finished = outcome.undisturbed()?;
     let stamps = read_stamps(&stamps)
         .map_err(|error| Failure::Run(format!("the stamps of the device: {error}")))?;
-    Ok((RealLoop::of(&stamps)?, outcome.finished))
+    Ok((RealLoop::of(&stamps)?, finished))
 }
 
 /// Finds the limits of a loop and a device.

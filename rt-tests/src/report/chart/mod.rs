@@ -83,7 +83,8 @@ pub struct Curve {
     pub color: &'static str,
     /// How it looks.
     pub stroke: Stroke,
-    /// Its points, each with a label that may be empty.
+    /// Its points, each with a label that may be empty. One whose height is no number breaks the
+    /// line.
     pub points: Vec<(f64, f64, String)>,
 }
 
@@ -360,8 +361,15 @@ impl Chart {
 
     fn draw_curve(&self, curve: &Curve, frame: &Frame, svg: &mut String) {
         let mut data = String::new();
-        for (place, (x, y, _)) in self.places(curve, frame).enumerate() {
-            let _ = write!(data, "{}{x:.1} {y:.1}", if place == 0 { "M" } else { "L" });
+        let mut next = 'M';
+        for &(x, y, _) in &curve.points {
+            if self.x.has(x) && self.y.has(y) {
+                let (x, y) = self.at(frame, (x, y));
+                let _ = write!(data, "{next}{x:.1} {y:.1}");
+                next = 'L';
+            } else if y.is_nan() {
+                next = 'M';
+            }
         }
         let (line, radius) = curve.stroke.looks();
         let color = curve.color;
@@ -489,6 +497,26 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn a_point_that_is_no_number_breaks_the_line() {
+        let points = [
+            (0.0, 1.0),
+            (1.0, 2.0),
+            (2.0, f64::NAN),
+            (3.0, 1.0),
+            (4.0, 2.0),
+        ];
+        let curve = Curve::new("c", COLORS[0], Stroke::Line, points);
+        let x = Axis::linear("time, s", xs(std::slice::from_ref(&curve)));
+        let y = Axis::linear("error", ys(std::slice::from_ref(&curve)));
+        let chart = Chart::new("t", x, y, vec![curve]);
+        let svg = grid(&[chart], 1, 250.0, Ground::Paper);
+        let mut lines = svg.lines();
+        let line = lines.find(|line| line.contains(COLORS[0])).unwrap();
+        let count = |of: char| line.matches(of).count();
+        assert_eq!((count('M'), count('L')), (2, 2), "{line}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The stability limits of the effects that may put out energy: of each, and of all that act at
 //! once.
 
-use crate::plan::{Effect, EffectPlan, ProbePlan, ScenePlan, TrajectoryPlan};
+use crate::plan::{Effect, EffectPlan, ScenePlan, TrajectoryPlan};
 use crate::source::{SceneError, Source};
 use crate::typed::EffectTyped;
 use toml::Spanned;
@@ -108,23 +108,10 @@ pub(super) fn steepest(force_n: f64, reach_m: f64) -> f64 {
     4.0 * force_n / reach_m
 }
 
-/// Largest speed of a probe's trajectory, m/s.
-fn speed(probe: &ProbePlan) -> f64 {
-    match &probe.trajectory {
-        TrajectoryPlan::Tour { speed_m_per_s, .. } => *speed_m_per_s,
-        TrajectoryPlan::Points(points) => points
-            .windows(2)
-            .map(|pair| {
-                let [(t, a), (u, b)] = [pair[0], pair[1]];
-                a.position.distance(b.position) / (u - t)
-            })
-            .fold(0.0, f64::max),
-    }
-}
-
 impl Limits {
     pub(super) fn new(plan: &ScenePlan) -> Self {
         let devices = || plan.probes.iter().map(|probe| probe.device);
+        let paths = plan.probes.iter().map(|probe| &probe.trajectory);
         Self {
             rate_hz: plan.loop_.rate_hz,
             force_max_n: plan.safety.force_max_n,
@@ -133,7 +120,9 @@ impl Limits {
             damping_ns_per_m: devices().fold(f64::INFINITY, |min, device| {
                 min.min(device.damping_ns_per_m)
             }),
-            speed_m_per_s: plan.probes.iter().map(speed).fold(0.0, f64::max),
+            speed_m_per_s: paths
+                .map(TrajectoryPlan::greatest_speed_m_per_s)
+                .fold(0.0, f64::max),
         }
     }
 

@@ -5,7 +5,7 @@ mod page;
 
 use crate::machine::{Machine, right_words};
 use crate::report::units::{bytes, grouped, length, percent, percent_of};
-use hrtc::result::{Finished, Spread};
+use hrtc::result::{Finished, RunResult, ShortSpread, Spread};
 use hrtc_core::Capacity;
 use scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
 use std::collections::BTreeSet;
@@ -142,22 +142,8 @@ impl Report<'_> {
         if !effects.is_empty() {
             lines.push(format!("with the effects {}", effects.join(", ")));
         }
-        lines.push(if r.energy_j > 0.0 {
-            format!(
-                "the rendering pushed {:.3} mJ into the hand: an ideal surface gives none{}",
-                r.energy_j * 1e3,
-                if effects.is_empty() {
-                    ""
-                } else {
-                    ", but a magnet, a vibration, a spring, a weight or a mass may"
-                }
-            )
-        } else {
-            format!(
-                "the rendering took {:.3} mJ out and pushed none in",
-                -r.energy_j * 1e3
-            )
-        });
+        let has_effects = !effects.is_empty();
+        lines.push(energy_words(r.energy_j, r.energy_j_max, has_effects));
         lines
     }
 
@@ -314,12 +300,11 @@ impl Report<'_> {
             grouped(r.refined_faces.max as u64),
             grouped(r.faces)
         )];
+        let bounded = r.contact_ticks.saturating_sub(r.contact_unbounded_ticks);
         lines.push(format!(
-            "error at the contact: certified p50 {}, max {}; measured p50 {}, max {} over {} measurement(s)",
-            length(r.certified_error_m.p50),
-            length(r.certified_error_m.max),
-            length(r.measured_error_m.p50),
-            length(r.measured_error_m.max),
+            "error at the contact: certified {}; measured {} over {} measurement(s)",
+            errors(&r.certified_error_m, bounded),
+            errors(&r.measured_error_m, r.measured_errors),
             grouped(r.measured_errors)
         ));
         if r.greatest_speed_m_per_s > 0.0 {
@@ -411,23 +396,7 @@ impl Report<'_> {
             format!("wake-up after the deadline: {}", spread(&r.wake_us)),
             format!("period: {}", spread(&r.period_us)),
         ];
-        lines.push(if r.missed == 0 {
-            format!("no period missed in {} ticks", grouped(r.ticks))
-        } else {
-            let m = &r.misses;
-            format!(
-                "{} period(s) missed beside {} ticks: {} by our own work, {} by waiting of our own, {} while the kernel ran something else, {} by a late timer, {} while the process was stopped, {} with the processor taken away, {} unexplained",
-                grouped(r.missed),
-                grouped(r.ticks),
-                m.own_cpu,
-                m.own_wait,
-                m.run_queue,
-                m.late_timer,
-                m.stopped,
-                m.stolen,
-                m.unexplained
-            )
-        });
+        lines.extend(missed(r));
         if r.operations_budget > 0 {
             lines.push(format!(
                 "worst tick {} work units of a budget of {}",
@@ -452,6 +421,68 @@ impl Report<'_> {
         lines.extend(self.finished.rights.iter().map(right_words));
         lines
     }
+}
+
+/// What is said of periods without a tick, and of ticks without a record.
+fn missed(r: &RunResult) -> Vec<String> {
+    let mut lines = Vec::new();
+    if r.missed > 0 {
+        let m = &r.misses;
+        lines.push(format!(
+            "{} period(s) missed beside {} ticks: {} by our own work, {} by waiting of our own, {} while the kernel ran something else, {} by a late timer, {} while the process was stopped, {} with the processor taken away, {} unexplained",
+            grouped(r.missed),
+            grouped(r.ticks),
+            m.own_cpu,
+            m.own_wait,
+            m.run_queue,
+            m.late_timer,
+            m.stopped,
+            m.stolen,
+            m.unexplained
+        ));
+    } else if r.unaccounted_periods == 0 {
+        lines.push(format!("no period missed in {} ticks", grouped(r.ticks)));
+    }
+    if r.unaccounted_periods != 0 {
+        lines.push(format!(
+            "{} period(s) are not in these figures: their records found the log full",
+            r.unaccounted_periods
+        ));
+    }
+    lines
+}
+
+/// What is said of the energy of the rendering, joules: at the end and at its most.
+fn energy_words(end_j: f64, most_j: f64, has_effects: bool) -> String {
+    let (end, most) = (end_j * 1e3, most_j * 1e3);
+    if end_j > 0.0 {
+        let others = if has_effects {
+            ", but a magnet, a vibration, a spring, a weight or a mass may"
+        } else {
+            ""
+        };
+        format!(
+            "the rendering pushed {end:.3} mJ into the hand: an ideal surface gives none{others}"
+        )
+    } else if most_j > 0.0 {
+        format!(
+            "the rendering took {:.3} mJ out in all, after it had pushed up to {most:.3} mJ in",
+            end.abs()
+        )
+    } else {
+        format!(
+            "the rendering took {:.3} mJ out and pushed none in",
+            end.abs()
+        )
+    }
+}
+
+/// Median and maximum of some errors; of none there is nothing to say.
+fn errors(of: &ShortSpread, count: u64) -> String {
+    if count == 0 {
+        return "none".to_string();
+    }
+    format!("p50 {}, max {}", length(of.p50), length(of.max))
 }
 
 #[cfg(test)]

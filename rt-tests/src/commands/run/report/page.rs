@@ -135,7 +135,9 @@ impl Report<'_> {
         });
         let errors = vec![
             self.curve("certified", COLORS[1], Stroke::Line, |b| {
-                in_contact(b, 1e6 * b.certified_error_m)
+                // A contact without a bound breaks the line.
+                let bound_m = Some(b.certified_error_m).filter(|m| *m >= 0.0);
+                in_contact(b, 1e6 * bound_m.unwrap_or(f64::NAN))
             }),
             self.curve("measured", COLORS[2], Stroke::Dots, |b| {
                 (b.measured_error_m >= 0.0).then_some(1e6 * b.measured_error_m)

@@ -125,3 +125,41 @@ fn contact_is_banded_where_it_was() {
         assert!((to - (index as f64 + 1.0)).abs() < 0.01);
     }
 }
+
+#[test]
+fn records_that_are_lost_are_said_in_place_of_a_run_without_a_miss() {
+    let mut r = finished(false).result;
+    assert_eq!(missed(&r).len(), 1);
+    assert!(missed(&r)[0].starts_with("no period missed"));
+    r.unaccounted_periods = 3;
+    let said = missed(&r);
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].starts_with("3 period(s) are not in these figures"));
+    r.missed = 2;
+    assert!(missed(&r)[0].starts_with("2 period(s) missed") && missed(&r).len() == 2);
+}
+
+#[test]
+fn energy_that_was_pushed_in_before_the_end_is_said() {
+    let only_out = energy_words(-7e-3, 0.0, false);
+    assert!(
+        only_out.contains("took 7.000 mJ out and pushed none in"),
+        "{only_out}"
+    );
+    let both = energy_words(-7e-3, 2e-3, false);
+    assert!(
+        both.contains("7.000 mJ out in all") && both.contains("up to 2.000 mJ in"),
+        "{both}"
+    );
+    for has_effects in [false, true] {
+        let pushed = energy_words(1e-3, 2e-3, has_effects);
+        assert!(pushed.contains("pushed 1.000 mJ into the hand"), "{pushed}");
+        assert_eq!(pushed.contains("a magnet"), has_effects, "{pushed}");
+    }
+}
+
+#[test]
+fn errors_of_no_contact_are_none_and_not_zero() {
+    assert_eq!(errors(&ShortSpread::default(), 0), "none");
+    assert_eq!(errors(&ShortSpread::default(), 1), "p50 0, max 0");
+}
