@@ -48,8 +48,9 @@
 //! what a tick has to do. What they took of late comes off the time that a tick has.
 //!
 //! What no costs tell remains: an interrupt, a cold cache. On a slow machine they take more of a
-//! period. A tick that is *late*, of several in a row the first, and longer than the law above
-//! expects, takes a part off the share of the period that ticks may spend; that comes back over
+//! period. A tick that is *late* after one that was not, and longer than the law above expects,
+//! takes a part off the share of the period that ticks may spend (more of them in a row are a
+//! slower machine, which that law sees); that comes back over
 //! `SHARE_RETURN_S`. So the share falls where such ticks are frequent, until they are not or to
 //! `MIN_TIME_SHARE`. One late tick moves it by that part, a tick in time by `period /
 //! SHARE_RETURN_S` of what is missing.

@@ -286,14 +286,14 @@ impl Body {
         if !self.is_awake {
             return 0;
         }
-        let (before, since) = (self.before, self.since);
+        let (before, since, last) = (self.before, self.since, self.pose);
         let steps = self.step(tick, periods);
         // It is the same tick.
         self.awake_ticks -= 1;
         self.since += since;
-        self.before = before.or(self.before);
+        self.before = before.or((self.pose != last).then_some(last));
         // What has moved in this tick sleeps in a later one.
-        self.is_awake |= before.is_some();
+        self.is_awake |= self.before.is_some();
         steps
     }
 

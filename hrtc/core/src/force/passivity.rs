@@ -41,9 +41,10 @@
 //! Where U is above the energy A taken in, the force fades towards `A / U` of itself while the
 //! device moves away: at this share both are used up together. It returns later. Each change is at
 //! most the perception limit of a tick; the fading is also at most `W / U` in a tick. While the
-//! device presses on, the force returns the slower the less is paid for, by `A / U` of that limit
-//! (at least with [`UNPAID_RETURNS_S`], so that it returns at all): what returns must fade again at
-//! the next turn, and a hand that trembles would feel the force come and go.
+//! device presses on, over a surface that rests, the force returns the slower the less is paid for,
+//! by `A / U` of that limit (at least with `UNPAID_RETURNS_S`, so that it returns at all): what
+//! returns must fade again at the next turn, and a hand that trembles would feel the force come and
+//! go.
 //!
 //! Work that no spring gives back, as of a force that is shaded, would empty the account and end
 //! the force at once. It fades before: what such work takes in a period is at most half of the
@@ -352,7 +353,9 @@ impl EnergyAccount {
             self.paid = paid_for.max(self.paid - fades);
             return;
         }
-        let missing = 1.0 - self.paid;
+        // While it leaves, no more than is paid for; above that it has faded.
+        let due = if moves_away { paid_for } else { 1.0 };
+        let missing = due - self.paid;
         let returns = if presses {
             let slowest = missing * self.period_s / (UNPAID_RETURNS_S + self.period_s);
             (imperceptible * paid_for).max(slowest)
