@@ -293,7 +293,9 @@ fn remove_remains(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
 
 /// Whether a process has a file locked, as one that it writes.
 fn is_locked(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| file.try_lock().is_err())
+    // Over NFS only what is open for writing is locked alone.
+    let opened = File::options().read(true).write(true).open(path);
+    opened.is_ok_and(|file| file.try_lock().is_err())
 }
 
 fn cache_error(path: &Path, error: io::Error) -> DatabaseError {

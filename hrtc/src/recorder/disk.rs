@@ -232,6 +232,8 @@ impl Files {
         let mut options = OpenOptions::new();
         let file = options
             .create(true)
+            // Over NFS only what is open for reading takes a shared lock; a pipe has one reader.
+            .read(!path.metadata().is_ok_and(|of| !of.is_file()))
             .write(true)
             .truncate(true)
             .open(&path)?;
@@ -303,10 +305,19 @@ fn remove(path: &Path) {
     }
 }
 
-/// Whether a running process holds a file, by the answer to who would lock it: where the file
+/// What Linux answers where a server has no locks.
+const ENOLCK: i32 = 37;
+
+/// Whether a running process may hold a file, by the answer to who would lock it: where the file
 /// system has no locks, nobody does.
 fn is_held(locked: &Result<(), TryLockError>) -> bool {
-    matches!(locked, Err(TryLockError::WouldBlock))
+    match locked {
+        Ok(()) => false,
+        Err(TryLockError::WouldBlock) => true,
+        Err(TryLockError::Error(error)) => {
+            error.kind() != io::ErrorKind::Unsupported && error.raw_os_error() != Some(ENOLCK)
+        }
+    }
 }
 
 /// Recordings beside this one that no running process holds, the oldest first.
@@ -328,7 +339,9 @@ fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
             continue;
         }
         let is_free = |file: File| !is_held(&file.try_lock());
-        if File::open(&path).is_ok_and(is_free) {
+        // Over NFS only what is open for writing is locked alone.
+        let opened = OpenOptions::new().read(true).write(true).open(&path);
+        if opened.is_ok_and(is_free) {
             found.push((
                 metadata.modified().unwrap_or(UNIX_EPOCH),
                 path,
@@ -425,6 +438,11 @@ mod tests {
         assert!(!is_held(&File::open(&path).unwrap().try_lock()));
         let no_locks = io::Error::from(io::ErrorKind::Unsupported);
         assert!(!is_held(&Err(TryLockError::Error(no_locks))));
+        // No answer about the lock is no leave to remove it.
+        for (number, held) in [(ENOLCK, false), (9, true)] {
+            let error = io::Error::from_raw_os_error(number);
+            assert_eq!(is_held(&Err(TryLockError::Error(error))), held, "{number}");
+        }
     }
 
     /// In a folder of hrtc's own the files of earlier runs go first, then the oldest of this one,

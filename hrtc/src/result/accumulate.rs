@@ -141,13 +141,12 @@ impl Accumulator {
         let result = &mut self.result;
         for (k, probe) in result.probes.iter_mut().enumerate() {
             let force = record.wrenches[k].force;
-            if !follows {
-                self.last_forces[k] = force;
-            }
             if record.rises_again || record.force_cut {
                 // The device was at zero before this wrench, or went there by itself.
                 let lost = std::mem::take(&mut self.last_forces[k]).length();
                 result.force_cut_n_max = max_or_nan(result.force_cut_n_max, lost);
+            } else if !follows {
+                self.last_forces[k] = force;
             }
             let step = (force - self.last_forces[k]).length();
             result.force_step_n_max = max_or_nan(result.force_step_n_max, step);

@@ -49,8 +49,10 @@ pub struct PairArgs<'a> {
 pub struct Outcome {
     /// What the controller counted.
     pub finished: Finished,
-    /// What disturbed it, a sentence each: a station that had to start again, an end by force.
+    /// What disturbed it, a sentence each: a station that had to start again.
     pub notes: Vec<String>,
+    /// Whether the controller was ended by force after its result.
+    pub is_late: bool,
     /// Whether it ended before its time, on request.
     pub is_early: bool,
 }
@@ -70,11 +72,13 @@ impl Outcome {
     /// What a report has to say of it, a sentence each.
     #[must_use]
     pub fn told(&self) -> Vec<String> {
-        let early = self.is_early.then(|| "ended early on request".to_string());
-        early
-            .into_iter()
-            .chain(self.notes.iter().cloned())
-            .collect()
+        let early = self.is_early.then_some("ended early on request");
+        let late = self.is_late.then_some(
+            "the controller took long to end after its result and was ended by force: its recording may lack its end",
+        );
+        let notes = self.notes.iter().map(String::as_str);
+        let told = early.into_iter().chain(notes).chain(late);
+        told.map(str::to_string).collect()
     }
 
     /// Fails with the figures of which a value was not finite.
@@ -121,10 +125,11 @@ pub fn run_pair(
         pair.station.terminate();
         pair.station.wait(ENDING);
         let notes = std::mem::take(&mut pair.notes);
-        let is_early = pair.is_early;
+        let (is_early, is_late) = (pair.is_early, pair.is_late);
         finished.map(|finished| Outcome {
             finished,
             notes,
+            is_late,
             is_early,
         })
     })
@@ -148,6 +153,7 @@ struct Processes {
     events: Receiver<Event>,
     sender: Sender<Event>,
     notes: Vec<String>,
+    is_late: bool,
     is_early: bool,
 }
 
@@ -189,6 +195,7 @@ impl Processes {
             events,
             sender,
             notes: Vec::new(),
+            is_late: false,
             is_early: false,
         })
     }
@@ -234,10 +241,7 @@ impl Processes {
                 if let Some(finished) = finished
                     && finished.result.safety.tick_panics == 0
                 {
-                    self.notes.push(
-                        "the controller took long to end after its result and was ended by force: its recording may lack its end"
-                            .to_string(),
-                    );
+                    self.is_late = true;
                     return Ok(finished);
                 }
                 return Err(Failure::Run(
@@ -299,12 +303,12 @@ mod tests {
         let outcome = |notes: &[&str]| Outcome {
             finished: Finished::default(),
             notes: notes.iter().map(ToString::to_string).collect(),
+            is_late: true,
             is_early: true,
         };
-        assert_eq!(
-            outcome(&["it hung"]).told(),
-            ["ended early on request", "it hung"]
-        );
+        let told = outcome(&["it hung"]).told();
+        assert_eq!(told[..2], ["ended early on request", "it hung"]);
+        assert!(told[2].contains("ended by force"), "{told:?}");
         assert_eq!(outcome(&[]).undisturbed(), Ok(Finished::default()));
         assert_eq!(
             outcome(&["it crashed", "it hung"]).undisturbed(),

@@ -95,8 +95,9 @@ pub fn write_atomically<T>(
         return write_into(&File::options().write(true).open(output)?, write);
     }
     let temporary = temporary_beside(output)?;
-    // Who cleans up leaves alone what is locked, and everything where there are no locks.
-    let _ = temporary.as_file().try_lock();
+    // Who cleans up leaves alone what is locked, and everything where there are no locks; who looks
+    // whether it is holds it for a moment.
+    let _ = temporary.as_file().lock();
     let written = write_into(temporary.as_file(), write)?;
     temporary.as_file().sync_all()?;
     temporary.persist(output).map_err(|e| e.error)?;

@@ -82,7 +82,7 @@ pub fn broken(m: &ModelFronts) -> Vec<String> {
         limit("dial.exceeded_share", m.dial.exceeded_share, MAX_EXCEEDED);
         // The mesh may be the reason, and is named then; the limit stands all the same.
         let reason = format!(
-            "dial.asked_over_true_p50 (best {:.2}, within reach {:.2}, too fine {:.1} %)",
+            "dial.asked_over_true_p50 (best {:.2}, in reach {:.2}, fine {:.1} %)",
             m.dial.asked_over_attainable_p50,
             m.dial.asked_over_true_within_reach_p50,
             m.dial.too_fine_share * 100.0,

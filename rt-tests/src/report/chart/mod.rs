@@ -60,7 +60,7 @@ impl Stroke {
             Self::Thin => (Some("stroke-width=\"1\" opacity=\"0.75\""), 2.0),
             Self::Dashed => (Some("stroke-width=\"1.2\" stroke-dasharray=\"5 3\""), 3.0),
             Self::Dotted => (Some("stroke-dasharray=\"2 3\""), 0.0),
-            Self::Line => (Some("stroke-width=\"1.2\""), 0.0),
+            Self::Line => (Some("stroke-width=\"1.2\" stroke-linecap=\"round\""), 0.0),
             Self::Dots => (None, 2.5),
         }
     }
@@ -366,6 +366,10 @@ impl Chart {
             if self.x.has(x) && self.y.has(y) {
                 let (x, y) = self.at(frame, (x, y));
                 let _ = write!(data, "{next}{x:.1} {y:.1}");
+                // A point between two gaps is a dot.
+                if next == 'M' {
+                    data.push_str("h0");
+                }
                 next = 'L';
             } else if y.is_nan() {
                 next = 'M';
@@ -507,6 +511,9 @@ mod tests {
             (2.0, f64::NAN),
             (3.0, 1.0),
             (4.0, 2.0),
+            (5.0, f64::NAN),
+            (6.0, 1.0),
+            (7.0, f64::NAN),
         ];
         let curve = Curve::new("c", COLORS[0], Stroke::Line, points);
         let x = Axis::linear("time, s", xs(std::slice::from_ref(&curve)));
@@ -516,7 +523,9 @@ mod tests {
         let mut lines = svg.lines();
         let line = lines.find(|line| line.contains(COLORS[0])).unwrap();
         let count = |of: char| line.matches(of).count();
-        assert_eq!((count('M'), count('L')), (2, 2), "{line}");
+        assert_eq!((count('M'), count('L')), (3, 2), "{line}");
+        // A point alone is a dot.
+        assert!(line.contains("h0\" fill"), "{line}");
     }
 
     #[test]

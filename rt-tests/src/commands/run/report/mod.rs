@@ -455,7 +455,9 @@ fn missed(r: &RunResult) -> Vec<String> {
 /// What is said of the energy of the rendering, joules: at the end and at its most.
 fn energy_words(end_j: f64, most_j: f64, has_effects: bool) -> String {
     let (end, most) = (end_j * 1e3, most_j * 1e3);
-    if end_j > 0.0 {
+    if !(end_j.is_finite() && most_j.is_finite()) {
+        "the energy of the rendering is not known: it was no finite number".to_string()
+    } else if end_j > 0.0 {
         let others = if has_effects {
             ", but a magnet, a vibration, a spring, a weight or a mass may"
         } else {
