@@ -4,7 +4,7 @@ use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::contact::rigid_proxy::ToolProxy;
-use crate::contact::sphere_proxy::{Contact, MAX_PUSHING};
+use crate::contact::sphere_proxy::Contact;
 use crate::costs::QueryWork;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::force::paid_coupling::PaidCoupling;
@@ -16,9 +16,6 @@ use glam::DVec3;
 use mutants::{Mutant, is};
 use scene::{ProbeShape, SurfacePlan};
 use spm::{Handle, NONE};
-
-/// No face, and no certified error.
-const HELD_BY_NONE: [(Handle, f32); MAX_PUSHING] = [(NONE, f32::NAN); MAX_PUSHING];
 
 /// Contact state of a pair in a tick.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -74,8 +71,6 @@ pub struct ProbeObjectPair {
     pub surface_moves: bool,
     /// Largest distance from a surface at rest at which contacts of its tool acted, metres.
     pub contact_offset_m: f64,
-    /// The faces that held a tool in the last tick, and their certified errors, model units.
-    held_by: [(Handle, f32); MAX_PUSHING],
 }
 
 impl ProbeObjectPair {
@@ -98,7 +93,6 @@ impl ProbeObjectPair {
             coupling: PaidCoupling::default(),
             surface_moves: false,
             contact_offset_m: 0.0,
-            held_by: HELD_BY_NONE,
         }
     }
 
@@ -184,9 +178,6 @@ impl ProbeObjectPair {
         if step.contact.is_none() && self.proxy.is_held() {
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
-        if step.contact.is_none() {
-            self.held_by = HELD_BY_NONE;
-        }
         self.hint = nearest.map(|nearest| nearest.face);
         self.nearest = nearest.map(|nearest| nearest.closest.point);
         let clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
@@ -203,32 +194,20 @@ impl ProbeObjectPair {
     }
 
     /// The largest certified error of the faces that hold the probe, model units: of a ball where
-    /// they hold it. Not a number where there is no bound: no face holds it, or one that was not of
-    /// the front while it held it.
+    /// they hold it. Not a number where there is no bound: no face holds it, or a ball one that is
+    /// gone.
     ///
     /// A tool that has no time to look anew is held on by faces that are gone; the full mesh is as
     /// it was, so their bounds are, too.
-    pub fn certified(&mut self, surface: Surface<'_>, contact: &Contact) -> f32 {
+    pub fn certified(&self, surface: Surface<'_>, contact: &Contact) -> f32 {
         let ball = self.proxy.position().filter(|_| !self.proxy.is_tool());
-        let before = std::mem::replace(&mut self.held_by, HELD_BY_NONE);
         let faces = contact.faces.iter().filter(|&&face| face != NONE);
-        let bounds = self.held_by.iter_mut().zip(faces).map(|(held_by, &face)| {
-            let bound = if !surface.mesh.is_active(face) {
-                if let Some(known) = before.iter().find(|known| known.0 == face) {
-                    *held_by = *known;
-                }
-                held_by.1
-            } else {
-                if ball.is_none() {
-                    *held_by = (face, surface.mesh.certified_error(face));
-                }
-                match ball {
-                    _ if face == contact.face => {
-                        surface.mesh.certified_distance(face, contact.point)
-                    }
-                    Some(middle) => surface.mesh.certified_distance(face, middle),
-                    None => held_by.1,
-                }
+        let bounds = faces.map(|&face| {
+            let bound = match ball {
+                _ if !surface.mesh.is_active(face) => self.proxy.bound_of(face),
+                _ if face == contact.face => surface.mesh.certified_distance(face, contact.point),
+                Some(middle) => surface.mesh.certified_distance(face, middle),
+                None => surface.mesh.certified_error(face),
             };
             if bound.is_finite() { bound } else { f32::NAN }
         });

@@ -220,6 +220,17 @@ impl ProxyKind {
         (pushes, contacts.len())
     }
 
+    /// Certified error of a face that holds a tool, from when it was found near, model units;
+    /// infinite for any other.
+    pub fn bound_of(&self, face: Handle) -> f32 {
+        let Self::Tool(tool) = self else {
+            return f32::INFINITY;
+        };
+        let mut contacts = tool.pushing[..tool.pushing_count].iter();
+        let held_by = contacts.find(|contact| contact.face == face);
+        held_by.map_or(f32::INFINITY, |contact| contact.certified)
+    }
+
     /// Size of a wrench about the position in the metric of the coupling, newtons.
     pub fn wrench_size(&self, wrench: &Wrench, metres_per_unit: f64) -> f64 {
         let size = wrench.force.length();

@@ -37,6 +37,9 @@ const MAX_AROUND: usize = 128;
 pub struct ToolContact {
     /// The face of the surface.
     pub face: Handle,
+    /// Its certified error when it was found near, model units: the full mesh is as it was, so it
+    /// holds when the face is gone, too.
+    pub certified: f32,
     /// Its point of contact, model units.
     pub point: DVec3,
     /// Unit direction from there to the tool.
@@ -55,6 +58,7 @@ impl ToolContact {
     /// No contact: the content of an unused output.
     pub const NONE: Self = Self {
         face: NONE,
+        certified: f32::INFINITY,
         point: DVec3::ZERO,
         normal: DVec3::ZERO,
         gap: 0.0,
@@ -65,13 +69,14 @@ impl ToolContact {
     /// Between a point of the surface and one of the tool; `normal` is the unit direction from the
     /// first to the second.
     pub(super) fn between(
-        face: Handle,
+        face: &SurfaceFace,
         [point, tool]: [DVec3; 2],
         normal: DVec3,
         centre: DVec3,
     ) -> Self {
         Self {
-            face,
+            face: face.face,
+            certified: face.certified,
             point,
             normal,
             gap: normal.dot(tool - point),
@@ -312,7 +317,7 @@ impl Contacts {
                 face: &near.faces[pair.surface as usize],
                 limit,
             };
-            let face = look.face.face;
+            let face = look.face;
             let mut found = |points: [DVec3; 2], normal: DVec3| {
                 self.add(ToolContact::between(face, points, normal, centre));
             };

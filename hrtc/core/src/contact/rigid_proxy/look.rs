@@ -207,7 +207,7 @@ impl ToolProxy {
             && closest.distance_squared <= offset * offset
         {
             let centre = self.at.centre;
-            let contact = ToolContact::between(face.face, [from, to], normal, centre);
+            let contact = ToolContact::between(face, [from, to], normal, centre);
             // A search that goes on has it from the tick before.
             if !self.contacts.all().contains(&contact) {
                 self.contacts.add(contact);

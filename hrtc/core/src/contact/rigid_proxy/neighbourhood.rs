@@ -49,6 +49,8 @@ pub(super) struct SurfaceFace {
     /// The first of its pairs, and their number: mostly one after another.
     pub first_pair: u32,
     pub pairs: u32,
+    /// Certified error when it was listed, model units.
+    pub certified: f32,
 }
 
 /// Unit normal of a face; zero without area.
@@ -72,6 +74,7 @@ impl SurfaceFace {
             owns: [false; 3],
             first_pair: 0,
             pairs: 0,
+            certified: mesh.certified_error(face),
         };
         made.look_around(mesh);
         made
