@@ -49,11 +49,10 @@
 //!
 //! What no costs tell remains: an interrupt, a cold cache. On a slow machine they take more of a
 //! period. A tick that is *late* after one that was not, and longer than the law above expects,
-//! takes a part off the share of the period that ticks may spend (more of them in a row are a
-//! slower machine, which that law sees); that comes back over
-//! `SHARE_RETURN_S`. So the share falls where such ticks are frequent, until they are not or to
-//! `MIN_TIME_SHARE`. One late tick moves it by that part, a tick in time by `period /
-//! SHARE_RETURN_S` of what is missing.
+//! takes a part off the share of the period that ticks may spend; that comes back over
+//! `SHARE_RETURN_S`. More of them in a row are a slower machine, which that law sees. So the share
+//! falls where such ticks are frequent, until they are not or to `MIN_TIME_SHARE`. One late tick
+//! moves it by that part, a tick in time by `period / SHARE_RETURN_S` of what is missing.
 //!
 //! The operations that a tick can afford go down at once, and come back by a third of the way in
 //! `OPERATIONS_RETURN_S`; a ring that was given up comes back only when there are a quarter more
