@@ -122,7 +122,7 @@ fn errors_stored_twice_too_large_are_told_from_a_mesh_without_finer_choices() {
         let (broken, dial) = broken_and_calibration(mesh);
         // The part is beyond the limit, and the coarsest fronts that keep what is asked are as
         // well.
-        let no_choice = |b: &String| b.contains("dial.asked_over_true_p50 (on the coarsest");
+        let no_choice = |b: &String| b.contains("dial.asked_over_true_p50 (best");
         assert!(broken.iter().all(no_choice), "{broken:?}");
         assert!(
             broken.is_empty() || number(&dial, "asked_over_attainable_p50") > 3.5,
