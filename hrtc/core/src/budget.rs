@@ -3,17 +3,32 @@
 use crate::contact::query::{Deadline, Work};
 use crate::costs::{QueryWork, WorkCosts};
 use crate::observer::{StageObserver, Timed};
-use crate::tuning::governor::{ENTRIES_PER_FACE, LARGE_FACES, MIN_SEARCH_UNITS, OPERATION_FACES};
+use crate::tuning::governor::{
+    ENTRIES_PER_FACE, LARGE_FACES, MIN_SEARCH_UNITS, OPERATION_FACES, TIME_SHARE,
+};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
+
+impl Timed {
+    /// As [`Self::last_begin`] in a tick in which reading the devices took this share of a period,
+    /// at least 0: of what that leaves of a tick's share, work begins in the same part.
+    #[must_use]
+    pub fn last_begin_after(self, read: f64) -> f64 {
+        let last = self.last_begin();
+        // A sum: where it took nothing, not a bit changes.
+        last + read.min(TIME_SHARE) * (1.0 - last / TIME_SHARE)
+    }
+}
 
 /// Remaining work of a tick.
 pub struct Budget<'a> {
     /// Knows when the time for it is over.
     pub observer: &'a mut dyn StageObserver,
-    /// Work units for received data.
+    /// Work units for received data; 0 ends the taking of data in this tick.
     pub ingest: u32,
+    /// Of these, the ones that were left when it ended before they were spent.
+    pub unspent_ingest: u32,
     /// Splits and collapses.
     pub operations: u32,
     /// Faces that they may change; each operation counts as [`OPERATION_FACES`] more.
@@ -41,6 +56,12 @@ impl Budget<'_> {
     /// Whether the time for received data and refinement is over.
     pub fn is_over(&mut self) -> bool {
         self.observer.is_over(Timed::Refinement)
+    }
+
+    /// No more received data is taken in this tick. What is left for it is not spent: it would say
+    /// that the machine had done it.
+    pub fn end_ingest(&mut self) {
+        self.unspent_ingest += std::mem::take(&mut self.ingest);
     }
 
     /// There is time for so many faces from now on.
@@ -292,6 +313,49 @@ mod tests {
 
         fn is_over(&mut self, _: Timed) -> bool {
             true
+        }
+    }
+
+    #[test]
+    fn what_is_left_for_received_data_when_it_ends_is_not_spent() {
+        let mut observer = Over;
+        let mut budget = Budget {
+            observer: &mut observer,
+            ingest: 72,
+            unspent_ingest: 0,
+            operations: 1,
+            faces: 0,
+            max_fan: 0,
+            entries: 0,
+            prepaid: 0,
+            upkeep: 0,
+            forgotten: 0,
+        };
+        budget.end_ingest();
+        assert_eq!((budget.ingest, budget.unspent_ingest), (0, 72));
+        // Once more, as by another session.
+        budget.end_ingest();
+        assert_eq!((budget.ingest, budget.unspent_ingest), (0, 72));
+    }
+
+    #[test]
+    fn what_the_reading_of_the_devices_took_comes_before_the_time_of_the_core() {
+        for work in Timed::ALL {
+            assert_eq!(
+                work.last_begin_after(0.0).to_bits(),
+                work.last_begin().to_bits()
+            );
+            let mut before = 0.0;
+            for read in [0.0, 0.1, 0.3, 0.5, 0.69] {
+                let last = work.last_begin_after(read);
+                assert!(
+                    last > read && last > before && last < TIME_SHARE,
+                    "{work:?} {last}"
+                );
+                before = last;
+            }
+            let most = work.last_begin_after(5.0);
+            assert!((most - TIME_SHARE).abs() < 1e-12, "{work:?} {most}");
         }
     }
 

@@ -154,7 +154,8 @@ pub struct CoreRecord {
     /// Whether the newest station has answered everything that it was asked, about every active
     /// object, and knows what is held.
     pub synchronised: bool,
-    /// Newest measured error, metres, and its tick; negative when none arrived this tick.
+    /// Largest measured error that arrived this tick, metres; negative when none did, and not a
+    /// finite number where the station sent such a one.
     pub measured_error_m: f64,
     /// Whether the force was asked to ramp down.
     pub stopping: bool,

@@ -253,6 +253,7 @@ impl Controller {
         let mut budget = Budget {
             observer,
             ingest: 0,
+            unspent_ingest: 0,
             operations: operations * if is(Mutant::Budget) { 4 } else { 1 },
             faces: 0,
             max_fan: 0,
@@ -308,7 +309,7 @@ impl Controller {
         let before = budget.ingest;
         let (active, probes) = (&mut self.active, &mut self.probes);
         let consumed = active.receive(inputs.chunks, probes, self.own_tick, budget);
-        record.work_units = before - budget.ingest;
+        record.work_units = before - budget.ingest - budget.unspent_ingest;
         consumed
     }
 

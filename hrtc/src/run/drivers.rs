@@ -52,12 +52,18 @@ impl Drivers {
         self.wall_ns > FAST_DRIVERS_NS
     }
 
+    /// What they took of the tick so far, ns; 0 where that is no more than what every tick does
+    /// anyway, and in the first tick in which they are slow: it may have been interrupted.
+    pub fn taken_ns(&self) -> u64 {
+        let is_known = self.left > 0 && self.are_slow();
+        if is_known { self.wall_ns } else { 0 }
+    }
+
     /// What the tick took beside them, with the time of handing its record over. In the first tick
     /// in which they are slow it is not known how much of it was theirs: it counts as its own.
     pub fn beside(&self, worked: &Worked, record_ns: u32) -> MeasuredTick {
         let work_ns = u64::from(worked.cpu_ns).saturating_sub(self.cpu_ns) + u64::from(record_ns);
-        let is_known = self.left > 0 && self.are_slow();
-        let device_ns = if is_known { self.wall_ns } else { 0 };
+        let device_ns = self.taken_ns();
         let [work_ns, device_ns] =
             [work_ns, device_ns].map(|ns| u32::try_from(ns).unwrap_or(u32::MAX));
         MeasuredTick { work_ns, device_ns }
@@ -91,6 +97,21 @@ mod tests {
         };
         let measured = drivers.beside(&worked, 1000);
         [measured.work_ns, measured.device_ns].map(u64::from)
+    }
+
+    #[test]
+    fn what_a_read_took_counts_where_the_drivers_were_slow_before() {
+        let mut drivers = Drivers::new(RATE_HZ);
+        for expected in [0, 2_000_000, 2_000_000] {
+            drivers.begin_tick();
+            assert_eq!(drivers.taken_ns(), 0, "nothing was read yet");
+            drivers.time(|| spin(2_000_000));
+            let taken = drivers.taken_ns();
+            assert!(
+                taken >= expected && (taken > 0) == (expected > 0),
+                "{taken}"
+            );
+        }
     }
 
     #[test]

@@ -57,24 +57,34 @@ impl LoadedScene {
         };
         let fetched = fetch(domain, &options, stop)?;
         let manifest = fetched.manifest;
-        let overrides = manifest.under(&args.overrides);
+        let mut overrides = manifest.under(&args.overrides);
         let mut files = manifest.kept(&overrides, fetched.contents);
-        for device in &overrides.devices {
-            // One that cannot be read is named when the scene is loaded.
-            if let Ok(content) = DiskFiles.read(device) {
-                files.contents.insert(device.clone(), content);
-            }
-        }
+        add_own_devices(&mut overrides, &mut files, &DiskFiles);
         let path = manifest.path();
         let mut plan = load_sent(&path, &overrides, &files)?;
         // What a station says about this machine's disk does not count.
-        plan.record.path = None;
+        plan.record = scene::RecordPlan {
+            keep_bytes: Some(super::KEEP_BYTES),
+            path: None,
+        };
         Ok(Self {
             path,
             overrides,
             plan,
             files,
         })
+    }
+}
+
+/// Adds the devices' files of this machine to those that a station sent.
+fn add_own_devices(overrides: &mut Overrides, files: &mut KeptFiles, disk: &dyn Files) {
+    for device in &mut overrides.devices {
+        // What was sent has names without a folder: one of the same name is another file.
+        *device = Path::new(".").join(&*device);
+        // One that cannot be read is named when the scene is loaded.
+        if let Ok(content) = disk.read(device) {
+            files.contents.insert(device.clone(), content);
+        }
     }
 }
 
@@ -136,5 +146,25 @@ mod tests {
             assert!(sentence.starts_with("own.toml, line 1: "), "{sentence}");
         }
         assert_eq!(sent("", None), Ok(()));
+    }
+
+    #[test]
+    fn a_device_file_of_the_name_of_the_stations_scene_is_another_file() {
+        let path = Path::new("arm.toml");
+        let mut files = KeptFiles::default();
+        let text = "[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n[[probe]]\n";
+        files.contents.insert(path.to_path_buf(), text.into());
+        let mut disk = KeptFiles::default();
+        let device = "device = { simulated = { mass_kg = 0.5 } }";
+        // As this machine's disk has it, whether the folder is typed or not.
+        for own in [path, Path::new("./arm.toml")] {
+            disk.contents.insert(own.to_path_buf(), device.into());
+        }
+        let mut overrides = Overrides::default();
+        overrides.devices.push(path.to_path_buf());
+        add_own_devices(&mut overrides, &mut files, &disk);
+        let plan = load_sent(path, &overrides, &files).unwrap();
+        assert_eq!(plan.probes[0].device.mass_kg, 0.5);
+        assert_eq!(plan.objects.len(), 1);
     }
 }

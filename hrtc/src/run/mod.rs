@@ -63,6 +63,10 @@ pub const FIXED_BYTES: usize = LOG_CAPACITY * size_of::<TickRecord>()
     + WATCHDOG_STACK_BYTES
     + SIGNALS_STACK_BYTES;
 
+/// Bytes of a recording where no scene of this machine says how many: when `--record FILE` turns on
+/// what the scene has off, and for a station's scene. As the scene's default.
+const KEEP_BYTES: u64 = 512 << 20;
+
 /// Form of the result on standard output.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Output {

@@ -59,6 +59,9 @@ pub(super) struct Drained {
 #[derive(Default)]
 struct Printed {
     rights: bool,
+    /// When the link began to listen for a station, on CLOCK_MONOTONIC, ns: later than the run,
+    /// which may have fetched its scene and measured the machine before.
+    linked_ns: u64,
     station_found: bool,
     station_absent: bool,
     other_version: u32,
@@ -66,6 +69,35 @@ struct Printed {
     faults: Vec<(usize, Fault)>,
     expiries: u64,
     requests_lost: u64,
+}
+
+/// What has become of the station.
+#[derive(Debug, PartialEq, Eq)]
+enum StationNews {
+    Found,
+    Gone,
+    /// It has not come yet.
+    Absent,
+}
+
+impl Printed {
+    /// Whether there is something new to say of the station at this time on CLOCK_MONOTONIC.
+    fn station_news(&mut self, is_alive: bool, now_ns: u64) -> Option<StationNews> {
+        let is_late = now_ns > self.linked_ns + STATION_ABSENT_NS;
+        if is_alive && !self.station_found {
+            self.station_found = true;
+            Some(StationNews::Found)
+        } else if !is_alive && self.station_found {
+            self.station_found = false;
+            self.station_absent = true;
+            Some(StationNews::Gone)
+        } else if !is_alive && !self.station_absent && is_late {
+            self.station_absent = true;
+            Some(StationNews::Absent)
+        } else {
+            None
+        }
+    }
 }
 
 impl Monitor<'_> {
@@ -85,7 +117,10 @@ impl Monitor<'_> {
             error: None,
         };
         let mut next_status = 0;
-        let mut printed = Printed::default();
+        let mut printed = Printed {
+            linked_ns: monotonic_ns(),
+            ..Printed::default()
+        };
         let mut off_since = None;
         loop {
             // Read before the log, so that no record comes after the last look.
@@ -199,28 +234,28 @@ impl Monitor<'_> {
     fn check_station(&self, printed: &mut Printed) {
         let domain = &self.args.domain;
         let is_alive = self.shared.station.load(Ordering::Relaxed) != 0;
-        if is_alive && !printed.station_found {
-            printed.station_found = true;
-            note!("station found in domain {domain}");
-        } else if !is_alive && printed.station_found {
-            printed.station_found = false;
-            printed.station_absent = true;
-            note!("the station is gone; contact continues with the loaded mesh");
-        } else if !is_alive
-            && !printed.station_absent
-            && monotonic_ns() > self.started_ns + STATION_ABSENT_NS
-        {
-            printed.station_absent = true;
-            let scene = self.args.scene.as_deref().unwrap_or(Path::new("SCENE"));
-            let scene = scene.display();
-            match &self.args.station {
-                Some(address) => note!(
-                    "no station at {address} yet: ticking without a model until it answers (on that machine: ve-station serve {scene} --listen ADDRESS; a refusal is told in a line of the link)"
-                ),
-                None => note!(
-                    "no station in domain {domain} yet: ticking without a model until one of the same user starts (ve-station serve {scene})"
-                ),
+        match printed.station_news(is_alive, monotonic_ns()) {
+            Some(StationNews::Found) => note!("station found in domain {domain}"),
+            Some(StationNews::Gone) => {
+                note!("the station is gone; contact continues with the loaded mesh");
             }
+            Some(StationNews::Absent) => self.note_absent_station(),
+            None => {}
+        }
+    }
+
+    /// Prints that the station has not come yet, and what to do.
+    fn note_absent_station(&self) {
+        let domain = &self.args.domain;
+        let scene = self.args.scene.as_deref().unwrap_or(Path::new("SCENE"));
+        let scene = scene.display();
+        match &self.args.station {
+            Some(address) => note!(
+                "no station at {address} yet: ticking without a model until it answers (on that machine: ve-station serve {scene} --listen ADDRESS; a refusal is told in a line of the link)"
+            ),
+            None => note!(
+                "no station in domain {domain} yet: ticking without a model until one of the same user starts (ve-station serve {scene})"
+            ),
         }
     }
 
@@ -382,6 +417,31 @@ fn print_line(value: &impl serde::Serialize) -> Result<(), RunError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_station_is_absent_some_time_after_the_link_began_and_each_news_is_told_once() {
+        const LINKED_NS: u64 = 20_000_000_000;
+        let mut printed = Printed {
+            linked_ns: LINKED_NS,
+            ..Printed::default()
+        };
+        let late_ns = LINKED_NS + STATION_ABSENT_NS + 1;
+        // The run is older.
+        assert_eq!(printed.station_news(false, late_ns - 1), None);
+        assert_eq!(
+            printed.station_news(false, late_ns),
+            Some(StationNews::Absent)
+        );
+        for (is_alive, expected) in [
+            (false, None),
+            (true, Some(StationNews::Found)),
+            (true, None),
+            (false, Some(StationNews::Gone)),
+            (false, None),
+        ] {
+            assert_eq!(printed.station_news(is_alive, late_ns), expected);
+        }
+    }
 
     #[test]
     fn a_reader_that_went_away_is_no_error_and_a_full_disk_is() {

@@ -52,7 +52,7 @@ pub enum RunError {
     Thread(std::io::Error),
     /// The tick thread panicked: a defect of hrtc, or of a device's driver.
     #[error(
-        "the thread of the tick ended by a defect in hrtc or in a device's driver ({0}); the force was ramped down and the devices are off; please report what it printed above"
+        "the thread of the tick ended by a defect in hrtc or in a device's driver ({0}); the force was ramped down and the devices are off; please report this sentence, with the black box where one is named"
     )]
     TickPanicked(String),
     /// The thread of the link ended by itself: a defect of hrtc.
@@ -192,19 +192,61 @@ fn write_text(
     Ok(())
 }
 
-/// The first file of a recording, or where it had to go for later ones, a pattern for those.
+/// The first file of a recording, or where it had to go for later ones, a pattern for those, as
+/// [`crate::recorder::RecordingPlace::path`] names them.
 fn files_of(first: &Path) -> PathBuf {
     if first.exists() {
         return first.to_owned();
     }
     let mut pattern = first.file_stem().unwrap_or_default().to_os_string();
-    pattern.push("-*.mcap");
+    pattern.push("-*");
+    if let Some(extension) = first.extension() {
+        pattern.push(".");
+        pattern.push(extension);
+    }
     first.with_file_name(pattern)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::recorder::RecordingPlace;
+    use std::ffi::OsStr;
+
+    #[test]
+    fn a_panic_of_the_tick_is_to_be_reported_by_its_sentence() {
+        let panic = RunError::TickPanicked("made on purpose (at tick.rs:1)".to_owned());
+        let sentence = panic.to_string();
+        assert!(sentence.contains("(made on purpose (at tick.rs:1))"));
+        // Nothing was printed before: a backtrace takes too long.
+        assert!(!sentence.contains("above"), "{sentence}");
+    }
+
+    #[test]
+    fn later_files_of_a_recording_are_those_of_its_pattern() {
+        let folder = tempfile::tempdir().expect("a folder");
+        for (name, expected) in [
+            ("run.mcap", "run-*.mcap"),
+            ("run.rec", "run-*.rec"),
+            ("run", "run-*"),
+            ("a.b.mcap", "a.b-*.mcap"),
+        ] {
+            let place = RecordingPlace {
+                first: folder.path().join(name),
+                keep_bytes: 1 << 20,
+                owns_folder: false,
+            };
+            let pattern = files_of(&place.first);
+            assert_eq!(pattern, folder.path().join(expected));
+            let (before, after) = expected.split_once('*').expect("one *");
+            let later = place.path(12);
+            let later = later.file_name().and_then(OsStr::to_str).expect("a name");
+            assert!(
+                later.starts_with(before) && later.ends_with(after),
+                "{later}"
+            );
+        }
+    }
 
     #[test]
     fn the_closing_lines_name_the_recording_and_a_station_that_never_came() {

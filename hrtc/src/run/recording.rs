@@ -1,5 +1,6 @@
 //! The recording of `hrtc run`: where it lies, and what is kept when a fault ends the run.
 
+use super::KEEP_BYTES;
 use super::loaded_scene::LoadedScene;
 use crate::message::note;
 use crate::recorder::{
@@ -13,10 +14,6 @@ use scene::ScenePlan;
 use scene_files::recordings_folder;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
-
-/// Bytes of the recording when `--record FILE` turns on what the scene has off: as the scene's
-/// default.
-const KEEP_BYTES: u64 = 512 << 20;
 
 /// The recording of a run.
 #[derive(Debug)]

@@ -108,10 +108,12 @@ impl StageClock {
 }
 
 /// When the time for each kind of work is over in a tick of a period, ns: counted from the period
-/// that it is in, behind those that the sleep before it lost.
-fn ends_of(wake: &Wake, period_ns: f64) -> [u64; Timed::ALL.len()] {
+/// that it is in, behind those that the sleep before it lost. Reading the devices took `read_ns` of
+/// it.
+fn ends_of(wake: &Wake, period_ns: f64, read_ns: u64) -> [u64; Timed::ALL.len()] {
     let lost = f64::from(wake.misses[1].periods);
-    Timed::ALL.map(|work| wake.planned_ns + ((lost + work.last_begin()) * period_ns) as u64)
+    let last = |work: Timed| lost + work.last_begin_after(read_ns as f64 / period_ns);
+    Timed::ALL.map(|work| wake.planned_ns + (last(work) * period_ns) as u64)
 }
 
 impl StageObserver for StageClock {
@@ -309,7 +311,8 @@ impl TickThread {
         let slots = self.rings.inbox.slots();
         arrivals.arrived += (slots - arrivals.waiting) as u64;
         high_water.inbox = slots.max(high_water.inbox);
-        let mut clock = StageClock::start(self.slow, ends_of(wake, 1e9 / self.plan.rate_hz));
+        let ends = ends_of(wake, 1e9 / self.plan.rate_hz, drivers.taken_ns());
+        let mut clock = StageClock::start(self.slow, ends);
         let inputs = TickInputs {
             tick: wake.tick,
             samples: &samples[..self.devices.len()],

@@ -50,7 +50,7 @@ impl Session {
             };
             let cost = cost_of(&item);
             if budget.ingest < cost || (has_taken && budget.is_over()) {
-                budget.ingest = 0;
+                budget.end_ingest();
                 return Taken::Part;
             }
             if let AnswerItem::Part(head) = item {
@@ -85,7 +85,7 @@ impl Session {
                 (Err(LoadError::NoRoom), AnswerItem::Record(_)) => return Taken::Part,
                 (Err(LoadError::NoRoom), _) => self.give_up(region, of.front, (tick, budget)),
                 (Err(LoadError::Unfinished), _) => {
-                    budget.ingest = 0;
+                    budget.end_ingest();
                     return Taken::Part;
                 }
                 (Err(LoadError::Gap), _) => self.ask_again(region, &mut of.front.cache, tick),

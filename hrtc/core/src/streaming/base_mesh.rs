@@ -71,7 +71,7 @@ impl Session {
                 return Taken::Gap;
             }
             if context.budget.ingest < MIN_UNITS {
-                context.budget.ingest = 0;
+                context.budget.end_ingest();
                 return Taken::Part;
             }
             let slot = &chunk.slots[slot as usize];
@@ -113,7 +113,7 @@ impl Session {
         }
         for part in faces[self.progress.done..].chunks(FACES_PER_ITEM) {
             if context.budget.ingest < MIN_UNITS {
-                context.budget.ingest = 0;
+                context.budget.end_ingest();
                 return Taken::Part;
             }
             context.budget.ingest -= UNITS_PER_ITEM;

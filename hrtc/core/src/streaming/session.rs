@@ -24,6 +24,7 @@ use crate::instance::{ModelFrame, ObjectInstance};
 use crate::lod::front::Front;
 use crate::probe::Probe;
 use crate::probe::contacts::Contacts;
+use crate::record::max_or_nan;
 use crate::tuning::streaming::MIN_UNITS;
 use protocol::{AnswersReader, ChunkKind, MODEL_HEADER_SLOTS, MeasuredError, Refusal, TourPoint};
 use spm::{ModelHeader, NONE};
@@ -105,7 +106,7 @@ pub struct Session {
     is_stalled: bool,
     /// The fault that ended the use of a model, if any.
     pub fault: Option<Fault>,
-    /// Largest measured error of this tick, model units.
+    /// Largest measured error of this tick, model units; not a number where one of them is none.
     pub measured: Option<f64>,
     /// Bytes received, total.
     pub bytes_received: u64,
@@ -338,9 +339,9 @@ impl Session {
             Some(ChunkKind::Measured) => {
                 let items: &[MeasuredError] = bytemuck::cast_slice(&chunk.slots);
                 let count = (chunk.header.count as usize).min(items.len());
-                for item in items[..count].iter().filter(|m| m.distance.is_finite()) {
+                for item in &items[..count] {
                     let most = self.measured.unwrap_or(0.0);
-                    self.measured = Some(most.max(item.distance));
+                    self.measured = Some(max_or_nan(most, item.distance));
                 }
             }
             Some(ChunkKind::Tour) => return self.take_tour(chunk, of, context),
@@ -363,7 +364,7 @@ impl Session {
             return Taken::Whole;
         };
         if context.budget.ingest < MIN_UNITS {
-            context.budget.ingest = 0;
+            context.budget.end_ingest();
             return Taken::Part;
         }
         context.budget.ingest -= MIN_UNITS;

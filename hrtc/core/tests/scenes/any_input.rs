@@ -7,7 +7,7 @@ use glam::{DQuat, DVec3};
 use haptic_device::Sample;
 use hrtc_core::streaming::chunk::InboxChunk;
 use proptest::prelude::*;
-use protocol::{CHUNK_SLOTS, ChunkKind, Refusal};
+use protocol::{CHUNK_SLOTS, ChunkKind, MeasuredError, Refusal};
 use simulator::Random;
 use spm::VspRecord;
 use spm_builder::BuildOptions;
@@ -216,6 +216,26 @@ fn chunks_of_noise_with_right_numbers() {
         watched.world.client_mut().link().stop_tampering();
         assert_eq!(watched.world.controller().fault(), None);
         watched.is_in_contact_again();
+    }
+}
+
+#[test]
+fn a_measured_error_that_is_no_number_is_in_the_record() {
+    for bad in [f64::NAN, f64::INFINITY] {
+        let mut watched = Watched::in_contact();
+        watched.world.client_mut().link().tamper(move |chunk| {
+            if chunk.header.kind == ChunkKind::Measured as u32 {
+                let errors: &mut [MeasuredError] = bytemuck::cast_slice_mut(&mut chunk.slots);
+                errors[0].distance = bad;
+            }
+        });
+        let mut told = 0;
+        for _ in 0..2000 {
+            watched.tour(1);
+            let measured_m = watched.world.outputs().record.measured_error_m;
+            told += u32::from(!measured_m.is_finite());
+        }
+        assert!(told > 0, "{bad}");
     }
 }
 

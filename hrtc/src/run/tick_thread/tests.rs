@@ -259,10 +259,25 @@ fn times_since_the_start_count_from_tick_0_also_where_it_was_skipped() {
 fn after_a_lost_period_the_time_counts_from_the_one_that_the_tick_is_in() {
     for (lost, start_ns) in [(0, 1_001_000), (3, 4_001_000)] {
         let wake = wake(lost, start_ns);
-        let ends = ends_of(&wake, 1e6);
+        let ends = ends_of(&wake, 1e6, 0);
         for (work, end) in Timed::ALL.into_iter().zip(ends) {
             // The tick began a microsecond late.
             assert_eq!(end + 1_000 - start_ns, (work.last_begin() * 1e6) as u64);
         }
+    }
+}
+
+/// A device that is read for half of a period, or for all of it.
+#[test]
+fn what_reading_the_devices_takes_is_not_taken_off_the_time_of_the_core() {
+    let wake = wake(0, 1_001_000);
+    for (read_ns, least_ns) in [(500_000, 500_001), (2_000_000, 699_999)] {
+        let [refinement, contact] = ends_of(&wake, 1e6, read_ns).map(|end| end - wake.planned_ns);
+        assert!(refinement >= least_ns, "{read_ns}: {refinement}");
+        // The wrenches have to be written within the period.
+        assert!(
+            refinement <= contact && contact <= 700_000,
+            "{read_ns}: {contact}"
+        );
     }
 }
