@@ -31,6 +31,7 @@ mod unload;
 
 pub use geomorphs::MAX_GEOMORPHS;
 pub use lists::{Cursor, List};
+pub use operations::NextBehind;
 pub use region::{AfterUnload, Region, RegionState};
 pub use region_key::RegionKey;
 pub use regions::{MAX_OUTSTANDING, RegionTable};

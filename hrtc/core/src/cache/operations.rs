@@ -4,6 +4,17 @@ use super::{Cache, Cursor, PENDING};
 use mutants::{Mutant, is};
 use spm::{NONE, OperationError, OperationFaces, Slot};
 
+/// What comes behind a split that has to wait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NextBehind {
+    /// A split that is legal.
+    Legal(Slot),
+    /// Nothing any more: the closure ends.
+    End,
+    /// More entries lie before it than may be gone through now.
+    Unfinished,
+}
+
 impl Cache {
     /// The next split of a wanted region, skipping what is performed; marks the region refined at
     /// the end.
@@ -54,19 +65,23 @@ impl Cache {
         region: usize,
         place: &mut Option<Cursor>,
         budget: &mut u32,
-    ) -> Option<Slot> {
+    ) -> NextBehind {
         let entry = self.regions.at(region);
         let mut cursor = place.unwrap_or(entry.cursor);
-        while *budget > 0 {
+        loop {
             cursor = self.lists.next(cursor);
-            *place = Some(cursor);
-            let slot = self.lists.get(&entry.closure, cursor)?;
+            let Some(slot) = self.lists.get(&entry.closure, cursor) else {
+                return NextBehind::End;
+            };
+            if *budget == 0 {
+                return NextBehind::Unfinished;
+            }
             *budget -= 1;
+            *place = Some(cursor);
             if slot & PENDING == 0 && self.mesh.split_is_legal(slot) {
-                return Some(slot);
+                return NextBehind::Legal(slot);
             }
         }
-        None
     }
 
     /// Puts a split that [`Cache::next_split`] gave back: it is still to do.

@@ -14,7 +14,7 @@ use super::memory_pressure::MemoryPressure;
 use super::predict::Sources;
 use super::predictions::Predictions;
 use crate::cache::base_mesh_store::Model;
-use crate::cache::{AfterUnload, Cache, RegionKey};
+use crate::cache::{AfterUnload, Cache, Cursor, RegionKey};
 use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::MAX_BALLS;
 use crate::contact::sphere_proxy::Contact;
@@ -28,7 +28,7 @@ use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::RADII_AROUND;
 use crate::work::TickWork;
 use scene::{RefinementPlan, ScenePlan};
-use spm::{Handle, NONE, OperationFaces, RegionId};
+use spm::{Handle, NONE, OperationFaces, RegionId, Slot};
 
 /// The model that the front approximates.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -64,6 +64,28 @@ pub struct FrontStats {
     pub passed: u32,
 }
 
+/// How far the splits behind one that would turn a face over were looked at, in ticks so far: none
+/// of these came first when its turn was.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub(super) struct LookBehind {
+    /// The region that both are of, and its name: another may get its place in the table.
+    pub region: usize,
+    pub key: RegionKey,
+    /// The split that waits.
+    pub slot: Slot,
+    /// The entry of the closure that was looked at last; none before the first.
+    pub place: Option<Cursor>,
+    /// Whether that was the last one of the closure.
+    pub is_over: bool,
+}
+
+impl LookBehind {
+    /// Whether it is behind this split of a region.
+    pub fn is_of(&self, region: usize, slot: Slot) -> bool {
+        (self.region, self.slot) == (region, slot)
+    }
+}
+
 /// Accuracy of the front at a contact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Accuracy {
@@ -97,6 +119,8 @@ pub struct Front {
     pub(super) wanted: Vec<usize>,
     /// Wanted regions that are still to be refined, sorted by urgency.
     pub(super) queue: Vec<u64>,
+    /// The look behind a split that goes on in the next tick.
+    pub(super) behind: Option<LookBehind>,
     pub(super) predictions: Predictions,
     pub(super) faces: OperationFaces,
     /// Faces around the other vertex of a geomorphing pair.
@@ -142,6 +166,7 @@ impl Front {
             approaches: (0..probes).map(|_| Approach::new(&horizons)).collect(),
             wanted: Vec::with_capacity(MAX_WANTED),
             queue: Vec::with_capacity(MAX_WANTED),
+            behind: None,
             predictions: Predictions::new(probes),
             faces: OperationFaces::new(),
             faces_of_sibling: OperationFaces::new(),
@@ -166,6 +191,7 @@ impl Front {
         self.model = None;
         self.wanted.clear();
         self.queue.clear();
+        self.behind = None;
         self.predictions.clear();
         self.without_turn = None;
         self.pressure = MemoryPressure::new(self.horizons.pressure);
@@ -396,7 +422,7 @@ impl Front {
         match (self.plan, &self.model) {
             (RefinementPlan::Global { lod: Some(count) }, Some(of)) => {
                 let count = count.min(of.model.header.vsps);
-                certified == 0.0 || self.last_block == Some(RegionKey::prefix(count))
+                certified == 0.0 || self.is_done(RegionKey::prefix(count))
             }
             _ => reached.is_some_and(|t| self.lod().is_some_and(|lod| t <= lod.asked())),
         }
@@ -405,16 +431,19 @@ impl Front {
     /// The expected error of the front at a contact, model units: the tolerance of the finest
     /// region that holds it and is done; `None` where not even the coarsest is.
     fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
-        let is_done = |key: RegionKey| {
-            let index = self.cache.regions.index(key)?;
-            self.cache.regions.at(index).is_done().then_some(())
-        };
         self.lod()?.rings().iter().find_map(|ring| {
             let id = match self.plan {
                 RefinementPlan::Local => ring.grid.region_of_point(contact.point),
                 RefinementPlan::Global { .. } => RegionId::WHOLE,
             };
-            is_done(RegionKey::new(id, ring.tolerance)).map(|()| ring.tolerance)
+            let key = RegionKey::new(id, ring.tolerance);
+            self.is_done(key).then_some(ring.tolerance)
         })
+    }
+
+    /// Whether all splits of a region are performed now.
+    pub(super) fn is_done(&self, key: RegionKey) -> bool {
+        let index = self.cache.regions.index(key);
+        index.is_some_and(|index| self.cache.regions.at(index).is_done())
     }
 }

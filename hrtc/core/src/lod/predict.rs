@@ -10,6 +10,7 @@
 
 use super::cells::{Motion, ticks_to_leave, ticks_until, visit_ball};
 use crate::cache::RegionKey;
+use crate::contact::sphere_proxy::MAX_PUSHING;
 use crate::horizons::{Horizons, PredictionHorizons};
 use crate::lod::lod_controller::{LodController, MAX_RINGS, Ring};
 use crate::tuning::prediction::{
@@ -154,6 +155,9 @@ pub struct Predictor {
     ring_turn: usize,
     /// What lies ahead in the coming turns, moved onto the front.
     landed: [Option<DVec3>; TURNS],
+    /// Places of the surface that a ball touches; told before every prediction, so no state.
+    #[serde(skip)]
+    touched: [Option<DVec3>; MAX_PUSHING],
 }
 
 impl Predictor {
@@ -180,6 +184,7 @@ impl Predictor {
             turn: 0,
             ring_turn: 0,
             landed: [None; TURNS],
+            touched: [None; MAX_PUSHING],
         }
     }
 
@@ -204,6 +209,13 @@ impl Predictor {
     /// By how many ticks the loaded set is to look farther ahead from now on.
     pub fn set_lead(&mut self, ticks: f64) {
         self.lead = ticks;
+    }
+
+    /// Tells where the surface holds a ball, or the place nearest to it, model units, from the
+    /// first of the list on: under a ball wider than cells the surface is refined there from now
+    /// on. Without any it is around the centre, as under every other probe.
+    pub fn set_touched(&mut self, places: [Option<DVec3>; MAX_PUSHING]) {
+        self.touched = places;
     }
 
     /// By how many ticks the loaded set looks farther ahead.
@@ -399,14 +411,28 @@ impl Predictor {
             Look::Around => MAX_CELLS_AROUND,
             Look::Here | Look::Ahead(..) => MAX_CELLS,
         };
-        visit_ball(grid, centre, (radius, max_cells), |id| {
-            visit(Predicted::new(
-                (ring, id),
-                (motion, velocity),
-                &self.horizons,
-                refine,
-            ));
-        });
+        let mut visit_around = |centre: DVec3, radius: f64| {
+            visit_ball(grid, centre, (radius, max_cells), |id| {
+                visit(Predicted::new(
+                    (ring, id),
+                    (motion, velocity),
+                    &self.horizons,
+                    refine,
+                ));
+            });
+        };
+        // From the centre of so wide a ball the look would end before it came to the surface.
+        let is_wide = look == Look::Here && motion.radius > MAX_CELLS * grid.cell;
+        if !is_wide || self.touched[0].is_none() {
+            visit_around(centre, radius);
+            return;
+        }
+        for &place in self.touched.iter().flatten() {
+            let left = radius - place.distance(motion.position);
+            if left > 0.0 {
+                visit_around(place, left);
+            }
+        }
     }
 }
 

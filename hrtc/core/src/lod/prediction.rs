@@ -8,14 +8,17 @@ use super::predictions::Unknown;
 use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
 use crate::contact::query::closest_point_within;
+use crate::contact::sphere_proxy::MAX_PUSHING;
 use crate::costs::QueryWork;
 use crate::policy::Detail;
 use crate::probe::contacts::Contacts;
+use crate::probe::pair::ProbeObjectPair;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
 use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
+use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use scene::RefinementPlan;
-use spm::RegionId;
+use spm::{ActiveMesh, NONE, RegionId};
 
 impl Front {
     /// Predicts the regions that the probes will need, and marks those that are known. `lead`: by
@@ -110,6 +113,7 @@ impl Front {
                 Some(finest.map_or(approach.finest, |least: usize| least.min(approach.finest)));
             let predictor = &mut approach.predictor;
             predictor.set_lead(lead);
+            predictor.set_touched(touched_by_ball(pair, cache.mesh(), position));
             predictor.predict(lod, rings, device, motion, |predicted| {
                 predictions.note(predicted, tick, cache);
             });
@@ -128,13 +132,13 @@ impl Front {
 
     /// Names one block: the first splits of the sequence, or all that exceed a tolerance, as far as
     /// the cache holds them. The block before stays until this one is done, so that nothing
-    /// coarsens in between.
+    /// coarsens in between; but not while more of the cache is in use than may be: until it goes
+    /// this one finds no room.
     fn predict_block(&mut self, lod: Option<u32>, tick: u64) {
         let Some(key) = self.block_key(lod) else {
             return;
         };
-        let index = self.cache.regions.index(key);
-        let is_done = index.is_some_and(|index| self.cache.regions.at(index).is_done());
+        let is_done = self.is_done(key);
         let wanted = Predicted {
             key,
             ticks: 0.0,
@@ -142,16 +146,18 @@ impl Front {
             refine: true,
         };
         self.predictions.note(wanted, tick, &mut self.cache);
-        if !is_done && let Some(before) = self.last_block {
-            if before != key && self.cache.regions.index(before).is_some() {
-                let kept = Predicted {
-                    key: before,
-                    ..wanted
-                };
-                self.predictions.note(kept, tick, &mut self.cache);
-            }
-        } else if is_done {
+        if is_done {
             self.last_block = Some(key);
+        } else if let Some(before) = self.last_block
+            && before != key
+            && self.cache.regions.index(before).is_some()
+            && !self.cache.is_over_limit()
+        {
+            let kept = Predicted {
+                key: before,
+                ..wanted
+            };
+            self.predictions.note(kept, tick, &mut self.cache);
         }
     }
 
@@ -229,4 +235,27 @@ impl Front {
         let landed = ahead.map(|point| point.and_then(&mut project));
         approach.predictor.project_onto_front(landed);
     }
+}
+
+/// Places of the surface that hold a ball whose middle is here, or the one nearest to it, as far as
+/// their faces are still there; none of a tool, whose patch is where it touches.
+fn touched_by_ball(
+    pair: &ProbeObjectPair,
+    mesh: &ActiveMesh,
+    middle: DVec3,
+) -> [Option<DVec3>; MAX_PUSHING] {
+    let mut places = [None; MAX_PUSHING];
+    if pair.proxy.is_tool() {
+        return places;
+    }
+    let mut nearest = [NONE; MAX_PUSHING];
+    nearest[0] = pair.hint.unwrap_or(NONE);
+    let holding = pair.contact.map(|of| of.contact.faces);
+    let faces = holding.unwrap_or(nearest).into_iter();
+    let active = faces.filter(|&face| face != NONE && mesh.is_active(face));
+    for (place, face) in places.iter_mut().zip(active) {
+        let closest = closest_point_on_triangle(mesh.corners(face), middle);
+        *place = Some(closest.point);
+    }
+    places
 }

@@ -1,11 +1,11 @@
 //! Two-phase refinement (thesis Figure 5.17): splits in B \ A, collapses in A \ B, what the contact
 //! reaches first, at most K operations a tick.
 
-use super::front::Front;
+use super::front::{Front, LookBehind};
 use super::geomorph::{CollapseOutcome, Folds, Transition};
 use super::predict::TURNS;
 use crate::budget::Budget;
-use crate::cache::{AfterUnload, Region};
+use crate::cache::{AfterUnload, NextBehind, Region};
 use crate::probe::contacts::Contacts;
 use crate::tuning::governor::OPERATION_FACES;
 use crate::tuning::lod::{
@@ -99,6 +99,7 @@ impl Front {
         let due = self.splits_due(tick);
         let allowed = due.clamp(least, most);
         let mut entries_behind = budget.entries / BEHIND_SHARE;
+        self.end_stale_look();
         // Collapses come first only when the records that wait need their room; see `make_room`.
         for k in 0..self.queue.len() {
             let region = (self.queue[k] & 0xFFFF) as usize;
@@ -107,17 +108,15 @@ impl Front {
                 let Some(slot) = next else {
                     break;
                 };
-                let mut tried = self.try_split(slot, Folds::Wait, budget, contacts);
+                let next = (region, slot);
+                let mut tried = self.try_in_turn(next, tick, budget, contacts);
                 let has_to_wait = tried.as_ref().is_ok_and(|of| !of.is_performed());
                 if has_to_wait {
                     self.cache.defer_split(region);
-                    budget.go_through(|left| *left = left.saturating_sub(ENTRIES_PER_WAIT));
-                    let is_looked_for = entries_behind > 0;
-                    let none_comes =
-                        self.split_behind(region, &mut entries_behind, budget, contacts);
-                    // No order of splits goes without the fold.
-                    let is_left = tried == Ok(Transition::Rejected) && is_looked_for && none_comes;
-                    if is_left {
+                    let is_fold = tried == Ok(Transition::Rejected);
+                    let entries = &mut entries_behind;
+                    if self.split_behind(next, is_fold, entries, budget, contacts) {
+                        // No order of splits goes without the fold.
                         tried = self.try_split(slot, Folds::Pass, budget, contacts);
                         let is_passed = tried.as_ref().is_ok_and(|of| of.is_performed());
                         self.stats.passed += u32::from(is_passed);
@@ -136,6 +135,41 @@ impl Front {
         if !budget.has_operations() || budget.entries == 0 {
             self.stats.left = due.saturating_sub(self.stats.vsplits);
         }
+    }
+
+    /// The look behind a split ends where the split is performed, or is not to be any more.
+    fn end_stale_look(&mut self) {
+        let cache = &self.cache;
+        let goes_on = |of: &LookBehind| {
+            let region = cache.regions.get(of.region);
+            let is_its = region.is_some_and(|region| {
+                let is_wanted = region.is_resident() && region.wanted && region.changing == 0;
+                is_wanted && region.key == of.key
+            });
+            is_its && !cache.mesh().is_performed(of.slot)
+        };
+        self.behind = self.behind.filter(goes_on);
+    }
+
+    /// Tries the next split of a region. A split that would turn a face over and those behind it
+    /// take turns while the look at these goes on, since a tick may have time for one of both only.
+    fn try_in_turn(
+        &mut self,
+        (region, slot): (usize, Slot),
+        tick: u64,
+        budget: &mut Budget,
+        contacts: &mut Contacts,
+    ) -> Result<Transition, OperationError> {
+        let is_looked_behind = self.behind.is_some_and(|of| of.is_of(region, slot));
+        if is_looked_behind && !tick.is_multiple_of(2) {
+            self.stats.rejected += 1;
+            return Ok(Transition::Rejected);
+        }
+        let tried = self.try_split(slot, Folds::Wait, budget, contacts);
+        if tried.as_ref().is_ok_and(|of| !of.is_performed()) {
+            budget.go_through(|left| *left = left.saturating_sub(ENTRIES_PER_WAIT));
+        }
+        tried
     }
 
     /// Performs a split, unless it has to wait: how, or why not.
@@ -200,18 +234,33 @@ impl Front {
 
     /// Performs splits of a region behind one that has to wait: they are not perceived more than
     /// others. `entries`: closure entries that may be gone through for that in this tick. Whether
-    /// there is none that is performed or will be once the faces around it are at rest.
+    /// the split would turn a face over (`is_fold`), all of those behind it were looked at, none is
+    /// performed or will be once the faces around it are at rest, and there is an operation left.
+    /// Where entries or time end before, the next tick goes on.
     fn split_behind(
         &mut self,
-        region: usize,
+        (region, slot): (usize, Slot),
+        is_fold: bool,
         entries: &mut u32,
         budget: &mut Budget,
         contacts: &mut Contacts,
     ) -> bool {
         let before = *entries;
-        let (mut place, mut none_comes) = (None, true);
-        while budget.has_operations() {
-            let Some(slot) = self.cache.next_split_behind(region, &mut place, entries) else {
+        let known = self.behind.filter(|of| of.is_of(region, slot));
+        let mut look = known.filter(|_| is_fold).unwrap_or(LookBehind {
+            region,
+            key: self.cache.regions.at(region).key,
+            slot,
+            place: None,
+            is_over: false,
+        });
+        let mut none_comes = true;
+        while !look.is_over && budget.has_operations() {
+            let next = self
+                .cache
+                .next_split_behind(region, &mut look.place, entries);
+            let NextBehind::Legal(slot) = next else {
+                look.is_over = next == NextBehind::End;
                 break;
             };
             let Ok(tried) = self.try_split(slot, Folds::Wait, budget, contacts) else {
@@ -228,7 +277,18 @@ impl Front {
         }
         let spent = before - *entries;
         budget.go_through(|left| *left = left.saturating_sub(spent));
-        none_comes
+        if before == 0 {
+            // Those before it took them all.
+            return false;
+        }
+        let none_came = is_fold && none_comes;
+        let is_left = none_came && look.is_over && budget.has_operations();
+        if none_came && !is_left {
+            self.behind = Some(look);
+        } else if known.is_some() {
+            self.behind = None;
+        }
+        is_left
     }
 
     /// Sorts the regions to be refined by urgency. Returns the splits that this tick must do for
@@ -313,3 +373,6 @@ impl Front {
         *entries -= changed.div_ceil(CHANGES_PER_UNIT);
     }
 }
+
+#[cfg(test)]
+mod tests;

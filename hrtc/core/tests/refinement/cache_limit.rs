@@ -3,8 +3,9 @@
 use crate::common::{plan, scene_plan, scene_world, settle, spm, world};
 use glam::DVec3;
 use hrtc_core::{Controller, NoObserver};
-use scene::{CacheChangePlan, ProbeShape, ScenePlan};
+use scene::{CacheChangePlan, ProbeShape, RefinementPlan, ScenePlan};
 use simulator::{ClientOptions, Playback, Random};
+use spm::SpmFile;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::Arc;
@@ -30,7 +31,9 @@ fn plan_with(changes: &[(f64, usize)]) -> ScenePlan {
 struct Held {
     /// Ticks until no more was in use than might be.
     ticks: u64,
+    /// In use at its end, and faces of the front then.
     bytes: u64,
+    faces: u32,
     contacts: u32,
     full: u32,
     coarser: u32,
@@ -56,6 +59,7 @@ fn run(plan: &ScenePlan, model: &[u8], ticks: u64) -> Vec<Held> {
         }
         before = record.cache_bytes;
         held.bytes = record.cache_bytes;
+        held.faces = record.active_faces;
         held.contacts += u32::from(record.contact);
         held.full += u32::from(record.contact_full);
         held.coarser += u32::from(record.finest_tolerance_m > 0.0);
@@ -133,6 +137,27 @@ fn limits_that_change_at_random_do_no_harm() {
             println!("seed {seed}, {of:?}: {held:?}");
             assert!(held.ticks <= OBEYS_TICKS);
         }
+    }
+}
+
+/// The block of the whole model goes though the smaller one has not come: it finds no room before.
+#[test]
+fn a_block_of_the_whole_model_obeys_the_limit_and_a_smaller_one_comes() {
+    let model = spm(generate(Shape::Relief, 30_000, 1), &BuildOptions::default());
+    let file = SpmFile::open(model.clone()).expect("the model is good");
+    let base_faces = file.model_header().base_faces;
+    for lod in [None, Some(u32::MAX)] {
+        let mut plan = plan_with(&[(2.5, 1 << 20), (7.5, 16 << 20)]);
+        plan.accuracy.refinement = RefinementPlan::Global { lod };
+        let all = run(&plan, &model, 10_000);
+        println!("{lod:?}: {all:#?}");
+        let [first, low, last] = all[..] else {
+            panic!("three limits");
+        };
+        assert!(first.bytes > 3 << 19, "there is something to unload");
+        assert!(low.ticks > 0 && low.ticks < OBEYS_TICKS && low.bytes <= 1 << 20);
+        assert!(low.faces > base_faces, "a smaller block has come");
+        assert!(last.bytes > 3 << 19, "room is used again");
     }
 }
 

@@ -1,7 +1,10 @@
 //! A hand on a tour of real and generated models: the contact is at full resolution, the cache
 //! bounded.
 
-use crate::common::{plan, real_model, spm, spm_of_file, world};
+use crate::common::{plan, real_model, scene_plan, scene_world, settle, spm, spm_of_file, world};
+use crate::ensure_within_capacity;
+use glam::DVec3;
+use scene::ProbeShape;
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 
@@ -44,7 +47,7 @@ fn tour(name: &str, bytes: Vec<u8>) {
     );
     assert!(s.force_max <= 8.0 && s.force_max > 0.1);
     assert!(s.vsplits > 0 && s.ecols > 0);
-    assert!(s.cache_max <= plan.cache_bytes as u64);
+    ensure_within_capacity(world.controller().cache());
     assert!(s.last.resubscribed <= 1, "nothing was lost");
 }
 
@@ -60,5 +63,31 @@ fn on_real_models() {
         if let Some(path) = real_model(name) {
             tour(name, spm_of_file(&path));
         }
+    }
+}
+
+/// What it touches lies more cells away from its centre than a look goes.
+#[test]
+fn under_a_ball_at_rest_that_is_wider_than_cells() {
+    let (ball, radius_m) = (0.025, 0.012);
+    let model = spm(
+        generate(Shape::Sphere, 100_000, 1),
+        &BuildOptions::default(),
+    );
+    let mut plan = scene_plan(&[("model.spm", 2.0 * ball, DVec3::ZERO)], 1, 16 << 20);
+    plan.probes[0].shape = ProbeShape::Sphere { radius_m };
+    let mut world = scene_world(&plan, &[("model.spm", &model[..])], 0.0);
+    // A millimetre inside.
+    let place = DVec3::new(0.3, -0.4, 0.8).normalize() * (ball + radius_m - 0.001);
+    settle(&mut world, &[Some(place)]);
+    let controller = world.controller();
+    let header = controller.header().expect("the model is there");
+    let frame = controller.frame().expect("the model is there");
+    let cells = radius_m / (header.grid.cell * frame.metres_per_unit);
+    println!("a ball of {cells:.1} cells");
+    assert!(cells > 3.0);
+    for tick in 0..2000 {
+        let record = world.step_at(place).record;
+        assert!(record.contact && record.contact_full, "tick {tick}");
     }
 }

@@ -1,7 +1,11 @@
 //! With `refinement = "global"` the refined mesh is exactly the prefix of the sequence, or exactly
 //! the splits that exceed the tolerance; and no tick exceeds its budget.
 
-use crate::common::{Place, World, places_on_tour, plan, rest, spm, world};
+use crate::common::{
+    Place, World, front_of, places_on_tour, plan, rest, scene_plan, scene_world, settle, spm, world,
+};
+use crate::ensure_within_capacity;
+use glam::DVec3;
 use scene::RefinementPlan;
 use simulator::{front_faces, refined_front};
 use spm::{ActiveMesh, Certified, ErrorScale, OperationFaces, SpmFile};
@@ -139,10 +143,10 @@ fn what_does_not_fit_is_cut_and_reported() {
             let record = world
                 .step_at(if tick < 500 { touch.above } else { touch.goal })
                 .record;
-            assert!(record.cache_bytes <= bytes as u64);
             assert!(!record.contact || record.contact_bounded);
         }
         world.controller().cache().check();
+        ensure_within_capacity(world.controller().cache());
         let (record, front) = (
             world.summary().last,
             refined_front(world.controller().cache()),
@@ -178,4 +182,52 @@ fn what_does_not_fit_is_cut_and_reported() {
             faces_after(&file, front.into_iter())
         );
     }
+}
+
+/// An object that no probe is near comes coarser, and back under the next touch.
+#[test]
+fn a_level_of_detail_that_is_given_up_is_not_as_asked_until_it_is_done_again() {
+    const COUNT: u32 = 20_000;
+    let model = spm(generate(Shape::Sphere, 60_000, 1), &BuildOptions::default());
+    // A single object would always count as near.
+    let objects = [DVec3::ZERO, DVec3::X].map(|centre| ("ball", 0.1, centre));
+    let mut plan = scene_plan(&objects, 1, 64 << 20);
+    plan.accuracy.refinement = RefinementPlan::Global { lod: Some(COUNT) };
+    let mut world = scene_world(&plan, &[("ball", &model[..])], 0.0);
+    let is_whole = |world: &World| front_of(world, 0).into_iter().eq(0..COUNT);
+    // So deep that it touches the base mesh, too.
+    let (pressed, lifted) = (DVec3::Z * 0.0495, DVec3::Z * 0.0795);
+    let at = |step: u32| lifted.lerp(pressed, f64::from(step.min(30)) / 30.0);
+    settle(&mut world, &[Some(lifted)]);
+    for step in 0..30 {
+        world.step_at(at(step));
+    }
+    settle(&mut world, &[Some(pressed)]);
+    let record = world.outputs().record;
+    assert!(is_whole(&world) && record.contact && record.contact_asked);
+    for step in (0..30).rev() {
+        world.step_at(at(step));
+    }
+    settle(&mut world, &[Some(lifted)]);
+    let left = front_of(&world, 0).len();
+    assert!(left < COUNT as usize / 2, "{left} splits are left");
+    let mut coarse = 0;
+    for step in 0.. {
+        let record = world.step_at(at(step)).record;
+        if is_whole(&world) {
+            break;
+        }
+        assert!(u64::from(step) < MAX_TICKS, "it does not come back");
+        if record.contact && record.certified_error_m != 0.0 {
+            coarse += 1;
+            assert!(!record.contact_asked, "{coarse} ticks after it touches");
+        }
+    }
+    println!("{left} splits were left, {coarse} ticks of coarse contact");
+    assert!(coarse > 0, "it touches before the front is done");
+    for _ in 0..100 {
+        world.step_at(pressed);
+    }
+    let record = world.outputs().record;
+    assert!(record.contact && record.contact_asked);
 }

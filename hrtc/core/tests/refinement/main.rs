@@ -12,8 +12,20 @@ mod front_is_independent_of_history;
 mod global_refinement_is_exact;
 mod imperceptible_changes_leave_the_force;
 mod known_pairs_are_complete;
+mod late_ticks;
 mod memory_pressure_coarsens;
 mod refinement_under_contact;
 mod small_cache;
 mod upkeep_is_bounded;
 mod what_passes_over_a_ball_takes_it_along;
+
+use hrtc_core::cache::Cache;
+
+/// Checks that of no part of a cache more was ever in use than there is. All that there is takes no
+/// more than its bytes: `tests/cache`.
+fn ensure_within_capacity(cache: &Cache) {
+    let high = cache.high_water();
+    for (used, there) in [high.splits, high.blocks, high.regions, high.faces] {
+        assert!(used <= there, "{high:?}");
+    }
+}

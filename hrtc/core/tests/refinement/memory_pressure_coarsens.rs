@@ -2,6 +2,7 @@
 //! the asked resolution returns.
 
 use crate::common::{World, places_on_tour, plan, spm, world};
+use crate::ensure_within_capacity;
 use hrtc_core::Fault;
 use hrtc_core::cache::CacheError;
 use scene::{ProbeShape, ScenePlan};
@@ -34,10 +35,9 @@ fn min_bytes(model: &[u8]) -> usize {
 }
 
 /// Checks that the last tick is correct, however coarse.
-fn check(world: &World, bytes: usize) {
+fn check(world: &World) {
     let record = world.summary().last;
-    let cache = world.controller().cache();
-    assert!(cache.bytes_used() <= bytes && record.cache_bytes <= bytes as u64);
+    ensure_within_capacity(world.controller().cache());
     if record.contact {
         assert!(record.contact_bounded, "a contact has its certified bound");
         assert!(record.certified_error_m.is_finite() && record.certified_error_m >= 0.0);
@@ -53,7 +53,7 @@ fn a_small_cache_coarsens_the_contact_and_recovers() {
     let (mut coarser, mut contacts, mut asked) = (0, 0, 0);
     for _ in 0..8000 {
         let record = world.step_led().record;
-        check(&world, bytes);
+        check(&world);
         coarser += u32::from(record.finest_tolerance_m > 0.0);
         contacts += u32::from(record.contact);
         asked += u32::from(record.contact_asked);
@@ -90,7 +90,7 @@ fn a_small_cache_coarsens_the_contact_and_recovers() {
         let record = world
             .step_at(if tick < 500 { touch.above } else { touch.goal })
             .record;
-        check(&world, bytes);
+        check(&world);
         let is_back = record.contact_asked && record.finest_tolerance_m <= tolerance * 1.000_001;
         back = if is_back { back + 1 } else { 0 };
         if back == 2000 {

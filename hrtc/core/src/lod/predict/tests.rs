@@ -155,6 +155,53 @@ fn a_hand_that_stops_keeps_what_it_may_turn_to_loaded_as_far_as_the_link_is() {
     assert!(stopped(200.0) && !stopped(0.0));
 }
 
+/// What a ball touches is a radius away from its centre: two cells of a ring are as far as a look
+/// goes.
+#[test]
+fn a_ball_wider_than_cells_refines_where_it_touches_and_another_around_its_centre() {
+    let cell = 1.0 / 16.0;
+    let centre = DVec3::splat(8.5) * cell;
+    let round_of = |radius: f64, touched: [Option<DVec3>; MAX_PUSHING]| {
+        let mut predictor = Predictor::new(&Horizons::new(1000.0));
+        predictor.set_touched(touched);
+        let motion = Motion {
+            position: centre,
+            radius,
+            clearance: radius,
+        };
+        let mut all = std::collections::BTreeMap::new();
+        for _ in 0..TURNS {
+            predictor.predict(&lod(), true, centre, motion, |p| {
+                *all.entry(p.key).or_insert(false) |= p.refine;
+            });
+        }
+        all
+    };
+    let is_refined = |all: &std::collections::BTreeMap<RegionKey, bool>, place: DVec3| {
+        all.get(&key(0, place)).copied().unwrap_or_default()
+    };
+    for cells in [0.16, 1.0, 1.9] {
+        let mut touched = [None; MAX_PUSHING];
+        touched[0] = Some(centre - DVec3::Z * (cells * cell));
+        let narrow = round_of(cells * cell, touched);
+        assert_eq!(narrow, round_of(cells * cell, [None; MAX_PUSHING]));
+        assert!(is_refined(&narrow, centre), "{cells}");
+    }
+    for cells in [3.0, 5.0] {
+        let mut touched = [None; MAX_PUSHING];
+        let places = [-DVec3::Z, DVec3::X].map(|out| centre + out * (cells * cell));
+        (touched[0], touched[1]) = (Some(places[0]), Some(places[1]));
+        let wide = round_of(cells * cell, touched);
+        let from_centre = round_of(cells * cell, [None; MAX_PUSHING]);
+        for place in places {
+            assert!(is_refined(&wide, place), "{cells}");
+            assert!(!is_refined(&from_centre, place), "{cells}");
+        }
+        // Nor what is as far and is not touched.
+        assert!(!is_refined(&wide, centre + DVec3::Y * (cells * cell)));
+    }
+}
+
 #[test]
 fn far_from_any_surface_nothing_is_predicted() {
     let centre = DVec3::splat(0.5);
