@@ -1,11 +1,7 @@
-//! The active set: objects near a probe, each with session, front and contacts.
-//!
-//! An object becomes active when a probe comes near, long before a contact is possible: the reach
-//! grows with the speed. It stays active as long as no other object needs its place; then those go
-//! first that have been out of reach for longest. Where more objects are in reach than there are
-//! places, the nearest have them. One object becomes active a tick, so that a tick stays short.
+//! The active set: objects near a probe, each with session, front and contacts. Which these are,
+//! and in which places: see `activation`.
 
-use super::broad_phase::{Ball, BroadPhase, Near};
+use super::broad_phase::BroadPhase;
 use super::faults::ModelFaults;
 use super::object::ActiveObject;
 use super::shares::{part_of, weights_of};
@@ -15,12 +11,11 @@ use crate::cache::base_mesh_store::{BaseMeshStore, Model};
 use crate::horizons::Horizons;
 use crate::instance::{ModelFrame, ObjectInstance};
 use crate::probe::Probe;
+use crate::streaming::Fault;
 use crate::streaming::chunk::InboxChunk;
 use crate::streaming::link_meter::{LinkMeter, Sent};
 use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
-use crate::streaming::{Fault, Outbox};
-use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
 use glam::DVec3;
 use protocol::Request;
 use scene::{MAX_PROBES, ScenePlan};
@@ -45,23 +40,24 @@ pub struct ActiveSet {
     /// Pairs whose contact is looked for in this tick, as place and probe, in the order in which
     /// they draw on its work.
     pub pairs: Vec<(usize, usize)>,
-    broad_phase: BroadPhase,
-    horizons: Horizons,
+    pub(super) broad_phase: BroadPhase,
+    pub(super) horizons: Horizons,
     /// Of the link to the station, which all sessions share.
     pub meter: LinkMeter,
     /// Objects whose box is not known yet, the next one last; at first in the order in which models
     /// are requested.
-    unplaced: VecDeque<u32>,
-    /// Objects in the order in which their models are requested: those of scripted paths first.
-    to_fetch: Vec<u32>,
-    /// The first of them whose model may be unknown.
-    next_fetch: usize,
+    pub(super) unplaced: VecDeque<u32>,
+    /// An object of each model, in the order in which the models are requested: those of scripted
+    /// paths first.
+    pub(super) to_fetch: Vec<u32>,
+    /// The one of them that is looked at next.
+    pub(super) next_fetch: usize,
     /// Faults that ended the use of each model.
-    faults: ModelFaults,
+    pub(super) faults: ModelFaults,
     /// Incarnation of the last station that lived.
     station: u64,
     /// The epoch in which the next session of each object begins.
-    epochs: Vec<u32>,
+    pub(super) epochs: Vec<u32>,
     /// Received chunks that were taken out of turn, the oldest chunk at bit 0: an older one waits
     /// for room.
     taken: u64,
@@ -105,12 +101,18 @@ impl ActiveSet {
         }
         let mut to_fetch: Vec<u32> = toured.collect();
         to_fetch.extend(0..instances.len() as u32);
+        let unplaced = to_fetch.iter().rev().copied().collect();
+        let mut is_first = vec![true; models];
+        to_fetch.retain(|&object| {
+            let model = instances[object as usize].model;
+            std::mem::take(&mut is_first[model])
+        });
         Self {
             store: BaseMeshStore::new(models, stored),
             broad_phase: BroadPhase::new(instances.len(), moving),
             meter: LinkMeter::new(&horizons),
             horizons,
-            unplaced: to_fetch.iter().rev().copied().collect(),
+            unplaced,
             to_fetch,
             next_fetch: 0,
             faults: ModelFaults::new(models),
@@ -132,13 +134,15 @@ impl ActiveSet {
             object.begin_tick(station, tick, &self.meter);
         }
         let is_another = station != 0 && station != self.station;
+        let is_known = |model| self.store.model(model).is_some();
         if is_another {
             self.station = station;
-            self.faults.clear();
+            self.faults.ask_again(is_known);
+            self.next_fetch = 0;
         }
         let after = self.horizons.refused;
-        let is_known = |model| self.store.model(model).is_some();
         if station != 0 && self.faults.try_again(tick, after, is_known) {
+            self.next_fetch = 0;
             for object in &mut self.objects {
                 object.try_place_again(tick);
             }
@@ -170,10 +174,10 @@ impl ActiveSet {
         self.faults.of(instance.model)
     }
 
-    /// Whether an object's model is not known and is not to be asked for.
-    fn is_lost_object(&self, object: u32) -> bool {
+    /// Whether a fault keeps an object's model from being known, be it asked for again or not.
+    pub(super) fn is_lost_object(&self, object: u32) -> bool {
         let model = self.instances[object as usize].model;
-        self.faults.is_closed(model) && self.store.model(model).is_none()
+        self.faults.of(model).is_some() && self.store.model(model).is_none()
     }
 
     /// Takes the faults of the sessions over.
@@ -296,8 +300,8 @@ impl ActiveSet {
     }
 
     /// Orders the pairs of a tick. The pair of each probe that is nearest to a contact comes last,
-    /// of these a tool's after a ball's: the others need little and leave it the rest. The probes
-    /// take turns in being the last.
+    /// of these a tool's after a ball's: the others need little and leave it the rest. Of probes of
+    /// one kind each has its turn to be the last.
     pub fn order_pairs(&mut self, tick: u64) {
         self.pairs.clear();
         let mut nearest = [(f64::INFINITY, usize::MAX); MAX_PROBES];
@@ -316,9 +320,10 @@ impl ActiveSet {
             }
         }
         self.pairs.sort_unstable_by_key(|&(place, probe)| {
-            let turn = (tick + probe as u64) % MAX_PROBES as u64;
-            let pair = &self.objects[place].contacts.pairs[probe];
-            (nearest[probe].1 == place, pair.proxy.is_tool(), turn, place)
+            let of_probes = &self.objects[place].contacts.pairs;
+            let turn = (tick + probe as u64) % of_probes.len() as u64;
+            let is_tool = of_probes[probe].proxy.is_tool();
+            (nearest[probe].1 == place, is_tool, turn, place)
         });
     }
 
@@ -330,240 +335,10 @@ impl ActiveSet {
         let tools = near.clone().filter(|pair| pair.tool().is_some()).count();
         [near.count() - tools, tools]
     }
-
-    /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
-    /// pairs of a probe and an object that could touch now though the object is not ready.
-    pub fn activate(
-        &mut self,
-        probes: &[Probe],
-        tick: u64,
-        budget: &mut Budget,
-        outbox: &mut Outbox,
-    ) -> u32 {
-        if self.instances.len() == 1 {
-            return 0;
-        }
-        self.place_objects();
-        let reach_ticks = self.horizons.reach;
-        let balls = probes.iter().enumerate().filter_map(|(probe, p)| {
-            Some(Ball {
-                probe,
-                centre: p.pose?.position,
-                radius: REACH_RADII * p.reach_m + reach_ticks * p.speed,
-            })
-        });
-        self.broad_phase.find(balls, reach_ticks);
-        self.note_needs(probes, tick);
-        if self.objects.len() < self.instances.len() {
-            self.activate_one(probes, tick, budget, outbox);
-        }
-        self.share_credit(tick);
-        self.count_unserved(probes)
-    }
-
-    /// Tells the broad phase where objects are whose models have become known: at once where an
-    /// object can be touched by now, and the others in turn. None waits for another's model: a hand
-    /// would enter it.
-    fn place_objects(&mut self) {
-        if self.unplaced.is_empty() {
-            return;
-        }
-        for active in self.objects.iter().filter(|of| of.is_ready()) {
-            if let Some(instance) = &active.instance
-                && let Some(model) = self.store.model(instance.model)
-            {
-                place(&mut self.broad_phase, instance, model);
-            }
-        }
-        for _ in 0..PLACED_A_TICK.min(self.unplaced.len()) {
-            let Some(object) = self.unplaced.pop_back() else {
-                return;
-            };
-            let instance = &self.instances[object as usize];
-            match self.store.model(instance.model) {
-                Some(model) => place(&mut self.broad_phase, instance, model),
-                None => self.unplaced.push_front(object),
-            }
-        }
-    }
-
-    /// Notes which active objects are needed in this tick, and begins and ends the pairs with their
-    /// probes.
-    fn note_needs(&mut self, probes: &[Probe], tick: u64) {
-        for object in &mut self.objects {
-            object.distance = f64::INFINITY;
-        }
-        for k in 0..self.broad_phase.near().len() {
-            let near = self.broad_phase.near()[k];
-            if let Some(object) = self.get_mut(near.object as u32) {
-                object.comes_near(near, &probes[near.probe], tick);
-            }
-        }
-        for active in &mut self.objects {
-            let object = active.object();
-            let awaits = object.is_some_and(|o| probes.iter().any(|p| p.awaits_tour_of(o)));
-            let is_used = object.is_some() && !active.session.is_ended();
-            active.is_pinned = is_used && (!active.is_ready() || awaits);
-            if active.contacts.any_contact() {
-                active.distance = 0.0;
-            }
-            if active.is_pinned || active.distance.is_finite() {
-                active.needed = tick;
-            }
-            for pair in &mut active.contacts.pairs {
-                if pair.contact.is_some() {
-                    pair.near_at = tick;
-                }
-                if pair.is_near && pair.near_at + self.horizons.sleep < tick {
-                    pair.end();
-                }
-            }
-        }
-    }
-
-    /// Makes the object active that needs it most. A place that changes hands forgets the object
-    /// before first, over as many ticks as that takes.
-    fn activate_one(
-        &mut self,
-        probes: &[Probe],
-        tick: u64,
-        budget: &mut Budget,
-        outbox: &mut Outbox,
-    ) {
-        let Some((object, distance)) = self.next_to_activate(probes) else {
-            return;
-        };
-        let Some(k) = self.place_for(distance, tick) else {
-            return;
-        };
-        let active = &mut self.objects[k];
-        if let Some(before) = active.object() {
-            let epoch = active.session.close(outbox, tick);
-            self.epochs[before as usize] = epoch.wrapping_add(1);
-            active.vacate(tick);
-        }
-        if !active.is_vacant(budget) {
-            return;
-        }
-        let instance = self.instances[object as usize];
-        let is_stored = self.store.slots(instance.model).is_some();
-        let stored = self.store.model(instance.model).filter(|_| is_stored);
-        let epoch = self.epochs[object as usize];
-        active.assign(instance, epoch, stored, tick);
-        for near in self.broad_phase.near() {
-            if near.object == object as usize {
-                active.comes_near(*near, &probes[near.probe], tick);
-            }
-        }
-    }
-
-    /// Whether an object is active.
-    fn is_active(&self, object: u32) -> bool {
-        self.objects.iter().any(|of| of.object() == Some(object))
-    }
-
-    /// The object that needs most to become active, and its distance from a probe: one whose
-    /// scripted path is to be made, one in reach, one whose model is not known yet.
-    fn next_to_activate(&mut self, probes: &[Probe]) -> Option<(u32, f64)> {
-        let toured = probes.iter().find_map(|probe| {
-            let tour = probe.tour.as_ref().filter(|tour| tour.is_awaited())?;
-            let is_needed = !self.is_active(tour.object) && !self.is_lost_object(tour.object);
-            is_needed.then_some((tour.object, 0.0))
-        });
-        if toured.is_some() {
-            return toured;
-        }
-        let near = self.broad_phase.near().iter().find_map(|near| {
-            let object = near.object as u32;
-            let is_needed = !self.is_active(object) && !self.is_lost_object(object);
-            is_needed.then_some((object, near.distance))
-        });
-        near.or_else(|| {
-            let object = self.next_to_fetch()?;
-            Some((object, f64::INFINITY))
-        })
-    }
-
-    /// An object whose model is neither known nor requested.
-    fn next_to_fetch(&mut self) -> Option<u32> {
-        if self.is_complete() && !self.faults.is_asking() {
-            return None;
-        }
-        let (instances, store) = (&self.instances, &self.store);
-        let model = |object: u32| instances[object as usize].model;
-        while let Some(&object) = self.to_fetch.get(self.next_fetch)
-            && store.model(model(object)).is_some()
-        {
-            self.next_fetch += 1;
-        }
-        let rest = &self.to_fetch[self.next_fetch..];
-        rest.iter().copied().find(|&object| {
-            let is_coming =
-                |of: &ActiveObject| of.instance.is_some_and(|p| p.model == model(object));
-            let is_unknown = store.model(model(object)).is_none();
-            is_unknown && !self.is_lost_object(object) && !self.objects.iter().any(is_coming)
-        })
-    }
-
-    /// The place for an object at a distance, metres; infinite for one whose model is only to be
-    /// known.
-    fn place_for(&self, distance: f64, tick: u64) -> Option<usize> {
-        let places = || self.objects.iter().enumerate();
-        if let Some((k, _)) = places().find(|(_, of)| of.instance.is_none()) {
-            return Some(k);
-        }
-        let waits = if distance.is_finite() {
-            self.horizons.sleep
-        } else {
-            0
-        };
-        let idle = places().filter(|(_, of)| !of.is_pinned && of.needed + waits < tick);
-        let longest = idle.min_by_key(|(_, of)| of.needed);
-        let farthest = || {
-            let farther = places().filter(|(_, of)| {
-                !of.is_pinned && of.distance > 0.0 && of.distance > NEARER * distance
-            });
-            farther.max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance))
-        };
-        longest.or_else(farthest).map(|(k, _)| k)
-    }
-
-    /// Pairs of a probe and an object that could touch now though the object is not ready.
-    fn count_unserved(&self, probes: &[Probe]) -> u32 {
-        if !self.is_complete() {
-            return 0;
-        }
-        let within = self.broad_phase.near().iter().filter(|near| {
-            let probe = &probes[near.probe];
-            let motion = self.broad_phase.displacement(near.object);
-            near.distance <= probe.reach_m + self.horizons.touch * (probe.speed + motion)
-        });
-        let missing = within.filter(|near| {
-            let object = Some(near.object as u32);
-            let is_ready = |of: &ActiveObject| of.object() == object && of.is_ready();
-            !self.objects.iter().any(is_ready)
-        });
-        missing.count() as u32
-    }
-}
-
-impl ActiveObject {
-    /// A probe is in reach.
-    fn comes_near(&mut self, near: Near, probe: &Probe, tick: u64) {
-        self.distance = self.distance.min(near.distance);
-        if self.instance.is_none() {
-            return;
-        }
-        let pair = &mut self.contacts.pairs[near.probe];
-        pair.near_at = tick;
-        if !pair.is_near {
-            self.approached_by(near.probe, probe.last);
-        }
-    }
 }
 
 /// Tells the broad phase where an object is.
-fn place(broad_phase: &mut BroadPhase, instance: &ObjectInstance, model: &Model) {
+pub(super) fn place(broad_phase: &mut BroadPhase, instance: &ObjectInstance, model: &Model) {
     let frame = ModelFrame::new(instance.pose, instance.scale, &model.header);
     let [lower, upper] = [model.header.lower, model.header.upper]
         .map(|corner| DVec3::from_array(corner) - frame.origin);

@@ -1,5 +1,6 @@
 //! Active objects: the objects near a probe.
 
+mod activation;
 pub(crate) mod active_set;
 pub mod broad_phase;
 mod faults;

@@ -1,6 +1,6 @@
 //! A fault on one object: it is named, and the others are touched as before.
 
-use crate::common::{World, scene_plan, scene_station, scene_world, settle, spm};
+use crate::common::{World, check, scene_plan, scene_station, scene_world, settle, spm};
 use glam::DVec3;
 use hrtc_core::Fault;
 use hrtc_core::streaming::chunk::InboxChunk;
@@ -181,6 +181,120 @@ fn what_the_station_had_no_place_for_is_asked_for_again() {
     assert_eq!(world.controller().faults().count(), 0);
     let force = press(&mut world, BAD);
     assert!(force > 0.5, "{force} N");
+}
+
+/// From now on the station does not know the models of these objects.
+fn refuse_models(world: &mut World, objects: std::ops::Range<u32>) {
+    world.client_mut().link().tamper(move |chunk| {
+        let is_model = chunk.header.kind == ChunkKind::Model as u32;
+        if is_model && objects.contains(&chunk.header.object) {
+            refused(chunk);
+        }
+    });
+}
+
+/// Goes on to press the first object, with a force in every tick.
+fn stay_pressed(world: &mut World, ticks: u32) {
+    for k in 0..ticks {
+        let is_ready = world.step_at(above(0, -1e-3)).record.ready;
+        let force = world.force().length();
+        assert!(is_ready && force > 0.5, "{k} of {ticks}: {force} N");
+    }
+}
+
+/// Another station may serve what the last one could not, and is asked for it; whether it answers
+/// or not, contact with the others goes on.
+#[test]
+fn another_station_takes_no_force_off_a_sound_object() {
+    for silent in [false, true] {
+        println!("silent: {silent}");
+        let (plan, mut world) = row(6 << 20);
+        let models = NAMES.map(|name| (name, &SPHERE[..]));
+        refuse_models(&mut world, BAD..BAD + 1);
+        expect_all_but_the_bad_one(&mut world, Fault::UnknownModel);
+        for k in 0..600 {
+            let down = (f64::from(k) / 300.0).min(1.0);
+            world.step_at(above(0, 0.02 - 0.021 * down));
+        }
+        stay_pressed(&mut world, 100);
+        world.start_station(scene_station(&plan, &models, 101));
+        // It is heard once.
+        stay_pressed(&mut world, 1);
+        world.mute_station(silent);
+        stay_pressed(&mut world, 1000);
+        world.mute_station(false);
+        stay_pressed(&mut world, 3000);
+        let faults: Vec<_> = world.controller().faults().collect();
+        assert_eq!(faults, [(BAD as usize, Fault::UnknownModel)]);
+        world.client_mut().link().stop_tampering();
+        world.start_station(scene_station(&plan, &models, 102));
+        stay_pressed(&mut world, 2000);
+        assert_eq!(world.controller().faults().count(), 0);
+        for k in (0..300).rev() {
+            world.step_at(above(0, 0.02 - 0.021 * f64::from(k) / 300.0));
+        }
+        let force = press(&mut world, BAD);
+        assert!(force > 0.5, "{force} N");
+    }
+}
+
+/// While nothing is in reach, the models that a silent station is asked for again fill all places.
+#[test]
+fn what_is_asked_for_in_vain_leaves_its_place_to_an_object_in_reach() {
+    let (plan, mut world) = row(6 << 20);
+    refuse_models(&mut world, BAD..u32::MAX);
+    for _ in 0..1500 {
+        world.step_at(above(0, 0.02));
+    }
+    let lost = world.controller().faults().count();
+    assert!(lost >= world.controller().active_objects().len(), "{lost}");
+    let models = NAMES.map(|name| (name, &SPHERE[..]));
+    world.start_station(scene_station(&plan, &models, 101));
+    let far = above(0, 0.1);
+    world.step_at(far);
+    world.mute_station(true);
+    for _ in 0..300 {
+        world.step_at(far);
+    }
+    let mut objects = world.controller().active_objects().iter();
+    assert!(objects.all(|of| !of.is_ready()), "all places are taken");
+    for object in [1, 0, 1] {
+        let force = press(&mut world, object);
+        assert!(force > 0.5, "object {object}: {force} N");
+    }
+    assert_eq!(world.controller().faults().count(), lost);
+}
+
+/// There is no force before every model is known. A hand that rests near so many objects that all
+/// places are needed does not keep the others from that: first where every object has a model of
+/// its own, then where the first model has more objects, which are in reach before the last models
+/// are known.
+#[test]
+fn every_model_comes_while_the_hand_rests_near_more_objects_than_there_are_places() {
+    for more in [0, 3] {
+        let names = [NAMES[0]; 3].into_iter().take(more).chain(NAMES);
+        let balls: Vec<_> = (0u32..)
+            .zip(names)
+            .map(|(k, name)| (name, 2.0 * BALL, DVec3::X * (1e-3 * f64::from(k))))
+            .collect();
+        let plan = scene_plan(&balls, 1, 6 << 20);
+        let models = NAMES.map(|name| (name, &SPHERE[..]));
+        let mut world = scene_world(&plan, &models, 0.0);
+        let places = world.controller().active_objects().len();
+        assert!(places < NAMES.len(), "{places} places");
+        for _ in 0..1500 {
+            world.step_at(above(0, 0.005));
+        }
+        let controller = world.controller();
+        let objects = 0..balls.len();
+        let near = objects.filter(|&object| controller.proxy_of(0, object).is_some());
+        assert_eq!(near.count(), places, "all places are needed");
+        assert!(world.outputs().record.ready, "{more} more objects");
+        let force = press(&mut world, 0);
+        assert!(force > 0.5, "{more} more objects: {force} N");
+        assert_eq!(world.client().allocations(), 0);
+        check(&world);
+    }
 }
 
 /// No force is given before every model is known, but a hand that enters an object meanwhile has

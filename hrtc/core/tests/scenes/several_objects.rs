@@ -4,11 +4,14 @@
 use crate::common::{
     World, check, faulty, front_of, scene_plan, scene_station, scene_world, settle, spm,
 };
+use geometry::Pose;
 use glam::DVec3;
+use haptic_device::Sample;
 use hrtc_core::streaming::chunk::InboxChunk;
+use hrtc_core::{Stage, StageObserver, ToolBefore};
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkKind, ChunkSlot};
-use scene::TrajectoryPlan;
-use simulator::{LinkModel, Random};
+use scene::{ProbeShape, TrajectoryPlan};
+use simulator::{Drive, LinkModel, Random};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
 use std::sync::LazyLock;
@@ -179,6 +182,58 @@ fn two_probes_touch_one_object_and_one_probe_two() {
     settle(&mut alone, &[None, pressed[1], None]);
     let force = alone.outputs().wrenches[1].force;
     assert!(force.distance(left) < 1e-3, "{force} {left}");
+}
+
+/// The probes whose tools are advanced in a tick, in their order.
+#[derive(Default)]
+struct Order(Vec<usize>);
+
+impl StageObserver for Order {
+    fn ended(&mut self, _: Stage) {}
+
+    fn tool_before(&mut self, probe: usize, _: &ToolBefore<'_>) {
+        self.0.push(probe);
+    }
+}
+
+#[test]
+fn tools_on_one_object_take_turns_in_being_the_last() {
+    for probes in [2, 3, 4] {
+        let balls = [("sphere", 2.0 * BALL, DVec3::ZERO)];
+        let mut plan = scene_plan(&balls, probes, 8 << 20);
+        for probe in &mut plan.probes {
+            probe.shape = ProbeShape::Capsule {
+                radius_m: PROBE,
+                length_m: 0.02,
+                faces: 240,
+            };
+        }
+        let mut world = scene_world(&plan, &[("sphere", &SPHERE)], 0.0);
+        // Beside each other on top, upright.
+        let places = |gap: f64| -> Vec<_> {
+            let outward = |k: usize| DVec3::new(0.2 * k as f64 - 0.3, 0.0, 1.0).normalize();
+            (0..probes)
+                .map(|k| Some(outward(k) * (BALL + PROBE + gap)))
+                .collect()
+        };
+        for k in 0..1500 {
+            let down = (f64::from(k) / 1000.0).min(1.0);
+            world.step_places(&places(0.02 - (0.02 + PRESS) * down));
+        }
+        let pressed: Vec<_> = places(-PRESS)
+            .into_iter()
+            .map(|place| place.map(Pose::at).map(Sample::at))
+            .collect();
+        let mut last = vec![0; probes];
+        for _ in 0..4 * probes {
+            let mut order = Order::default();
+            let record = world.advance(Drive::Samples(&pressed), &mut order).record;
+            assert!(record.probes[..probes].iter().all(|of| of.contact));
+            assert_eq!(order.0.len(), probes, "each once");
+            last[order.0[probes - 1]] += 1;
+        }
+        assert_eq!(last, vec![4; probes], "of {probes} probes");
+    }
 }
 
 #[test]

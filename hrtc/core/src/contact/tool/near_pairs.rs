@@ -425,7 +425,7 @@ impl NearPairSearch<'_> {
         left: u32,
         visit: &mut impl FnMut(Handle, Handle) -> ControlFlow<(), f64>,
     ) -> Option<(Ending, Resume)> {
-        if is(Mutant::ToolPairs) && !face.is_multiple_of(4) {
+        if is(Mutant::ToolPairs) && !face.is_multiple_of(64) {
             return None;
         }
         let mut is_stopped = false;

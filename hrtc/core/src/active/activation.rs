@@ -1,0 +1,345 @@
+//! Which objects become active, and in which places.
+//!
+//! An object becomes active when a probe comes near, long before a contact is possible: the reach
+//! grows with the speed. It stays active as long as no other object needs its place; then those go
+//! first that have been out of reach for longest. Where more objects are in reach than there are
+//! places, the nearest have them. One object becomes active a tick, so that a tick stays short.
+//!
+//! No force is given before every model is known that can be. So each is requested at the start,
+//! with an object that becomes active for it; where the places do not suffice, such an object goes
+//! before one in reach, and may take its place.
+
+use super::active_set::{ActiveSet, place};
+use super::broad_phase::{Ball, Near};
+use super::object::ActiveObject;
+use crate::budget::Budget;
+use crate::probe::Probe;
+use crate::streaming::Outbox;
+use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
+
+impl ActiveSet {
+    /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
+    /// pairs of a probe and an object that could touch now though the object is not ready.
+    pub fn activate(
+        &mut self,
+        probes: &[Probe],
+        tick: u64,
+        budget: &mut Budget,
+        outbox: &mut Outbox,
+    ) -> u32 {
+        if self.instances.len() == 1 {
+            return 0;
+        }
+        self.place_objects();
+        let reach_ticks = self.horizons.reach;
+        let balls = probes.iter().enumerate().filter_map(|(probe, p)| {
+            Some(Ball {
+                probe,
+                centre: p.pose?.position,
+                radius: REACH_RADII * p.reach_m + reach_ticks * p.speed,
+            })
+        });
+        self.broad_phase.find(balls, reach_ticks);
+        self.note_needs(probes, tick);
+        if self.objects.len() < self.instances.len() {
+            self.activate_one(probes, tick, budget, outbox);
+        }
+        self.share_credit(tick);
+        self.count_unserved(probes)
+    }
+
+    /// Tells the broad phase where objects are whose models have become known: at once where an
+    /// object can be touched by now, and the others in turn. None waits for another's model: a hand
+    /// would enter it.
+    fn place_objects(&mut self) {
+        if self.unplaced.is_empty() {
+            return;
+        }
+        for active in self.objects.iter().filter(|of| of.is_ready()) {
+            if let Some(instance) = &active.instance
+                && let Some(model) = self.store.model(instance.model)
+            {
+                place(&mut self.broad_phase, instance, model);
+            }
+        }
+        for _ in 0..PLACED_A_TICK.min(self.unplaced.len()) {
+            let Some(object) = self.unplaced.pop_back() else {
+                return;
+            };
+            let instance = &self.instances[object as usize];
+            match self.store.model(instance.model) {
+                Some(model) => place(&mut self.broad_phase, instance, model),
+                None => self.unplaced.push_front(object),
+            }
+        }
+    }
+
+    /// Notes which active objects are needed in this tick, and begins and ends the pairs with their
+    /// probes.
+    fn note_needs(&mut self, probes: &[Probe], tick: u64) {
+        for object in &mut self.objects {
+            object.distance = f64::INFINITY;
+        }
+        for k in 0..self.broad_phase.near().len() {
+            let near = self.broad_phase.near()[k];
+            if let Some(object) = self.get_mut(near.object as u32) {
+                object.comes_near(near, &probes[near.probe], tick);
+            }
+        }
+        for active in &mut self.objects {
+            let object = active.object();
+            let awaits = object.is_some_and(|o| probes.iter().any(|p| p.awaits_tour_of(o)));
+            let is_used = object.is_some() && !active.session.is_ended();
+            active.is_pinned = is_used && (!active.is_ready() || awaits);
+            if active.contacts.any_contact() {
+                active.distance = 0.0;
+            }
+            if active.is_pinned || active.distance.is_finite() {
+                active.needed = tick;
+            }
+            for pair in &mut active.contacts.pairs {
+                if pair.contact.is_some() {
+                    pair.near_at = tick;
+                }
+                if pair.is_near && pair.near_at + self.horizons.sleep < tick {
+                    pair.end();
+                }
+            }
+        }
+    }
+
+    /// Makes the object active that needs it most. A place that changes hands is emptied before,
+    /// over as many ticks as that takes.
+    fn activate_one(
+        &mut self,
+        probes: &[Probe],
+        tick: u64,
+        budget: &mut Budget,
+        outbox: &mut Outbox,
+    ) {
+        let Some((object, k)) = self.next_to_activate(probes, tick) else {
+            return;
+        };
+        let active = &mut self.objects[k];
+        if let Some(before) = active.object() {
+            let epoch = active.session.close(outbox, tick);
+            self.epochs[before as usize] = epoch.wrapping_add(1);
+            active.vacate(tick);
+        }
+        if !active.is_vacant(budget) {
+            return;
+        }
+        let instance = self.instances[object as usize];
+        let is_stored = self.store.slots(instance.model).is_some();
+        let stored = self.store.model(instance.model).filter(|_| is_stored);
+        let epoch = self.epochs[object as usize];
+        active.assign(instance, epoch, stored, tick);
+        for near in self.broad_phase.near() {
+            if near.object == object as usize {
+                active.comes_near(*near, &probes[near.probe], tick);
+            }
+        }
+    }
+
+    /// Whether an object is active.
+    fn is_active(&self, object: u32) -> bool {
+        self.objects.iter().any(|of| of.object() == Some(object))
+    }
+
+    /// The object that needs most to become active, and its place: one that a probe needs, or else
+    /// one whose model is not known yet. Where such a model is missing and no place is free, it
+    /// goes first: there is no force before it is known.
+    fn next_to_activate(&mut self, probes: &[Probe], tick: u64) -> Option<(u32, usize)> {
+        let needed = self.needed_object(probes);
+        let has_free_place = self.objects.iter().any(ActiveObject::is_free);
+        let fetches_first = !self.is_complete() && !has_free_place;
+        if (needed.is_none() || fetches_first)
+            && let Some(object) = self.next_to_fetch()
+            && let Some(k) = self.place_to_fetch(tick)
+        {
+            return Some((object, k));
+        }
+        let (object, distance) = needed?;
+        Some((object, self.place_for(distance, tick)?))
+    }
+
+    /// The object that a probe needs most, and its distance from one, metres: one whose scripted
+    /// path is to be made, or else one in reach.
+    fn needed_object(&self, probes: &[Probe]) -> Option<(u32, f64)> {
+        let is_needed = |object: u32| !self.is_active(object) && !self.is_lost_object(object);
+        let toured = probes.iter().find_map(|probe| {
+            let tour = probe.tour.as_ref().filter(|tour| tour.is_awaited())?;
+            is_needed(tour.object).then_some((tour.object, 0.0))
+        });
+        let near = || {
+            self.broad_phase.near().iter().find_map(|near| {
+                let object = near.object as u32;
+                is_needed(object).then_some((object, near.distance))
+            })
+        };
+        toured.or_else(near)
+    }
+
+    /// An object whose model is neither known nor requested. Of many models some are looked at in
+    /// a tick, so that each has its turn.
+    fn next_to_fetch(&mut self) -> Option<u32> {
+        if self.is_complete() && !self.faults.is_asking() {
+            return None;
+        }
+        for _ in 0..PLACED_A_TICK.min(self.to_fetch.len()) {
+            let object = self.to_fetch[self.next_fetch];
+            if self.is_to_fetch(object) {
+                return Some(object);
+            }
+            self.next_fetch = (self.next_fetch + 1) % self.to_fetch.len();
+        }
+        None
+    }
+
+    /// Whether an object's model is to be requested, and no active object has it.
+    fn is_to_fetch(&self, object: u32) -> bool {
+        let model = self.instances[object as usize].model;
+        let is_coming = |of: &ActiveObject| of.instance.is_some_and(|of| of.model == model);
+        self.store.model(model).is_none()
+            && !self.faults.is_closed(model)
+            && !self.objects.iter().any(is_coming)
+    }
+
+    /// The place for an object that a probe needs, at a distance from it, metres.
+    fn place_for(&self, distance: f64, tick: u64) -> Option<usize> {
+        // Nothing can be touched of an object whose model may never come.
+        let is_lost = |of: &ActiveObject| of.object().is_some_and(|o| self.is_lost_object(o));
+        let lost = || self.objects.iter().position(is_lost);
+        let farthest = || {
+            let farther = self.objects.iter().enumerate().filter(|(_, of)| {
+                !of.is_pinned && of.distance > 0.0 && of.distance > NEARER * distance
+            });
+            let farthest = farther.max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
+            farthest.map(|(k, _)| k)
+        };
+        let idle = self.idle_place(self.horizons.sleep, tick);
+        idle.or_else(lost).or_else(farthest)
+    }
+
+    /// The place for an object whose model is only to be known: an idle one. Where none will be idle
+    /// as long as the hands stay, and there is no force for want of a model, it is that of the
+    /// object in reach whose surface is farthest. Not of one that is touched: its proxy knows from
+    /// where the hand came.
+    fn place_to_fetch(&self, tick: u64) -> Option<usize> {
+        let idle = self.idle_place(0, tick);
+        let may_wait = self.is_complete() || self.objects.iter().any(|of| of.is_pinned);
+        if idle.is_some() || may_wait {
+            return idle;
+        }
+        let places = self.objects.iter().enumerate();
+        let untouched = places.filter(|(_, of)| !of.contacts.any_contact());
+        let farthest =
+            untouched.max_by(|(_, a), (_, b)| a.clearance_m().total_cmp(&b.clearance_m()));
+        farthest.map(|(k, _)| k)
+    }
+
+    /// A vacant place, or else that of the object that has been out of reach for longest, and for
+    /// more than so many ticks.
+    fn idle_place(&self, ticks: u64, tick: u64) -> Option<usize> {
+        let places = || self.objects.iter().enumerate();
+        let idle = || {
+            let idle = places().filter(|(_, of)| !of.is_pinned && of.needed + ticks < tick);
+            idle.min_by_key(|(_, of)| of.needed)
+        };
+        let vacant = places().find(|(_, of)| of.instance.is_none());
+        vacant.or_else(idle).map(|(k, _)| k)
+    }
+
+    /// Pairs of a probe and an object that could touch now though the object is not ready.
+    fn count_unserved(&self, probes: &[Probe]) -> u32 {
+        if !self.is_complete() {
+            return 0;
+        }
+        let within = self.broad_phase.near().iter().filter(|near| {
+            let probe = &probes[near.probe];
+            let motion = self.broad_phase.displacement(near.object);
+            near.distance <= probe.reach_m + self.horizons.touch * (probe.speed + motion)
+        });
+        let missing = within.filter(|near| {
+            let object = Some(near.object as u32);
+            let is_ready = |of: &ActiveObject| of.object() == object && of.is_ready();
+            !self.objects.iter().any(is_ready)
+        });
+        missing.count() as u32
+    }
+}
+
+impl ActiveObject {
+    /// Whether an object may have the place at once.
+    fn is_free(&self) -> bool {
+        self.instance.is_none() && !self.front.cache.is_clearing()
+    }
+
+    /// A probe is in reach.
+    fn comes_near(&mut self, near: Near, probe: &Probe, tick: u64) {
+        self.distance = self.distance.min(near.distance);
+        if self.instance.is_none() {
+            return;
+        }
+        let pair = &mut self.contacts.pairs[near.probe];
+        pair.near_at = tick;
+        if !pair.is_near {
+            self.approached_by(near.probe, probe.last);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::streaming::Fault;
+    use crate::streaming::subscriber::Identity;
+    use scene::{NoFiles, Overrides, parse};
+    use std::path::Path;
+
+    /// Of a scene of these models, one an object.
+    fn set_of(models: impl Iterator<Item = usize>) -> ActiveSet {
+        let mut text = String::from("[cache]\nbytes = \"3MiB\"\n[[probe]]\n");
+        for model in models {
+            text += &format!("[[object]]\nmodel = \"{model}.spm\"\nsize_m = 0.1\n");
+        }
+        let path = Path::new("");
+        let plan = parse(&text, "models", path, &Overrides::default(), &NoFiles).unwrap();
+        let identity = Identity {
+            client: 7,
+            incarnation: 8,
+        };
+        ActiveSet::new(&plan, identity, 0, std::iter::empty())
+    }
+
+    #[test]
+    fn of_many_models_some_are_looked_at_in_a_tick_and_each_has_its_turn() {
+        let last = 4 * PLACED_A_TICK + 5;
+        let mut set = set_of(0..=last);
+        let refused = (0..last).map(|model| (model, Some(Fault::UnknownModel)));
+        set.faults.note(refused, |_| false, 0);
+        let found: Vec<_> = (0..8).map(|_| set.next_to_fetch()).collect();
+        // It stays the next one until it has a place.
+        let object = Some(last as u32);
+        assert_eq!(
+            found,
+            [None, None, None, None, object, object, object, object]
+        );
+    }
+
+    #[test]
+    fn models_are_requested_in_the_order_of_their_first_objects() {
+        let mut set = set_of([3, 1, 3, 1, 2, 3, 0].into_iter());
+        assert_eq!(set.to_fetch, [0, 1, 4, 6]);
+        assert_eq!(set.unplaced.len(), 7, "each object is to be placed");
+        let refuse = |set: &mut ActiveSet, model| {
+            let refused = [(model, Some(Fault::UnknownModel))];
+            set.faults.note(refused.into_iter(), |_| false, 0);
+        };
+        for (model, object) in [0, 1, 4, 6].into_iter().enumerate() {
+            assert_eq!(set.next_to_fetch(), Some(object));
+            refuse(&mut set, model);
+        }
+        assert_eq!(set.next_to_fetch(), None);
+    }
+}
