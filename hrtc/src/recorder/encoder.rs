@@ -5,7 +5,7 @@ use super::format::{
 };
 use super::schema::Schemas;
 use super::shown::{Display, Level, Shown};
-use super::{RecordingError, RecordingHead};
+use super::{RecordingError, RecordingHead, paths};
 use crate::tick_record::TickRecord;
 use crate::tuning::{MAX_FRAME_BYTES, SHOWN_EVERY};
 use hrtc_core::Controller;
@@ -72,16 +72,15 @@ impl Encoder {
             .disable_seeking(true);
         let mut writer = options.create(NoSeek::new(pending.clone()))?;
         let now_ns = now_ns + head.realtime_offset_ns;
-        let json = serde_json::to_vec(head).map_err(|e| RecordingError::Head(e.to_string()))?;
         attach(
             &mut writer,
             now_ns,
             HEAD.to_owned(),
             "application/json",
-            &json,
+            &head.to_json()?,
         )?;
         for (path, content) in &files.contents {
-            let name = format!("{FILES}{}", path.display());
+            let name = format!("{FILES}{}", paths::to_text(path));
             attach(
                 &mut writer,
                 now_ns,

@@ -1,6 +1,6 @@
 //! The head of a recording: everything that makes the controller.
 
-use super::RecordingError;
+use super::{RecordingError, paths};
 use crate::setup::ControllerSetup;
 use hrtc_core::Controller;
 use scene::{MAX_PROBES, Overrides, ScenePlan};
@@ -50,6 +50,30 @@ impl RecordingHead {
             realtime_offset_ns,
             segment: 0,
         }
+    }
+
+    /// The head as a recording holds it, JSON: a path that is not UTF-8 as in [`paths`].
+    pub(super) fn to_json(&self) -> Result<Vec<u8>, RecordingError> {
+        let head = self.clone().with_paths(|path| paths::to_text(path).into());
+        serde_json::to_vec(&head).map_err(|error| RecordingError::Head(error.to_string()))
+    }
+
+    /// The head of [`RecordingHead::to_json`]; `None` of anything else.
+    pub(super) fn from_json(json: &[u8]) -> Option<Self> {
+        let head: Self = serde_json::from_slice(json).ok()?;
+        Some(head.with_paths(|path| paths::from_text(&path.to_string_lossy())))
+    }
+
+    /// The head with each of its paths changed.
+    fn with_paths(mut self, change: impl Fn(&Path) -> PathBuf) -> Self {
+        let of_overrides = &mut self.overrides;
+        let typed = of_overrides.model.iter_mut();
+        let typed = typed.chain(&mut of_overrides.devices);
+        let absolute = self.absolute.iter_mut().flat_map(|(of, path)| [of, path]);
+        for path in typed.chain(absolute).chain([&mut self.scene]) {
+            *path = change(path.as_path());
+        }
+        self
     }
 
     /// Number of probes. No seal protects the head: a changed one has no more than a run may.

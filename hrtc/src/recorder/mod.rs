@@ -28,6 +28,7 @@ mod encoder;
 mod format;
 mod head;
 mod late_twin;
+mod paths;
 mod queue;
 mod reader;
 mod replay;

@@ -1,7 +1,7 @@
 //! Reads a recording, whole or cut at any byte.
 
 use super::format::{Channel, FILES, HEAD, Hole, PROFILE, PlainChunk, PlainReport, PlainRequest};
-use super::{RecordingError, RecordingHead, format};
+use super::{RecordingError, RecordingHead, format, paths};
 use crate::tick_record::TickRecord;
 use hrtc_core::streaming::chunk::InboxChunk;
 use mcap::records::{Record, op};
@@ -11,7 +11,7 @@ use scene_files::KeptFiles;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// A message of a recording.
 #[derive(Debug)]
@@ -85,11 +85,11 @@ impl RecordingReader {
             match record {
                 Record::Header(header) if header.profile != PROFILE => return Err(foreign()),
                 Record::Attachment { header, data, .. } if header.name == HEAD => {
-                    head = serde_json::from_slice::<RecordingHead>(&data).ok();
+                    head = RecordingHead::from_json(&data);
                 }
                 Record::Attachment { header, data, .. } => {
                     if let Some(path) = header.name.strip_prefix(FILES) {
-                        files.contents.insert(PathBuf::from(path), data.into());
+                        files.contents.insert(paths::from_text(path), data.into());
                     }
                 }
                 Record::Channel(channel) => channels.extend(for_replay(&channel)),

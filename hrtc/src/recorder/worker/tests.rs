@@ -2,13 +2,15 @@
 
 use super::*;
 use crate::recorder::queue::Sender;
-use crate::recorder::{Replay, replay, sources, write_black_box};
+use crate::recorder::{RecordingReader, Replay, replay, sources, write_black_box};
 use crate::setup::ControllerSetup;
 use crate::tuning::RECORDED_TICKS;
 use haptic_device::Capabilities;
 use hrtc_core::streaming::subscriber::Identity;
 use scene::Overrides;
 use scene_files::NotingFiles;
+use std::ffi::OsStr;
+use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
 
 /// Time between two ticks, ns: long, so that the black box takes the end of the recording only.
@@ -16,12 +18,16 @@ const PERIOD_NS: u64 = 10_000_000;
 
 /// A scene without a station, and the files that make its controller.
 fn head(folder: &Path) -> (RecordingHead, KeptFiles) {
+    head_with(folder, &Overrides::default())
+}
+
+fn head_with(folder: &Path, overrides: &Overrides) -> (RecordingHead, KeptFiles) {
     let path = folder.join("late.toml");
     let text =
         "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[cache]\nbytes = \"64KiB\"\n[[probe]]\n";
     std::fs::write(&path, text).unwrap();
-    let (files, overrides) = (NotingFiles::default(), Overrides::default());
-    let _ = scene::load(&path, &overrides, &files).unwrap();
+    let files = NotingFiles::default();
+    let _ = scene::load(&path, overrides, &files).unwrap();
     let files = files.into_kept();
     let identity = Identity {
         client: 1,
@@ -29,7 +35,7 @@ fn head(folder: &Path) -> (RecordingHead, KeptFiles) {
     };
     let device = Capabilities::translational("none", 5.0);
     let setup = ControllerSetup::new(identity, [device].iter(), 1.0);
-    let head = RecordingHead::new(&path, &overrides, &setup, &files, 0);
+    let head = RecordingHead::new(&path, overrides, &setup, &files, 0);
     (head, files)
 }
 
@@ -103,6 +109,38 @@ fn files_of_a_scene_that_leave_no_room_for_ticks_are_refused_with_what_they_need
     };
     assert!(start(&files, (needed - 2) << 20).is_err());
     assert!(start(&files, needed << 20).is_ok());
+}
+
+/// A path is bytes; JSON and the names of attachments are not.
+#[test]
+fn a_scene_in_a_folder_whose_name_is_not_utf_8_is_recorded_and_replays() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join(OsStr::from_bytes(b"\xff"));
+    std::fs::create_dir(&folder).unwrap();
+    let device = folder.join("own.toml");
+    std::fs::write(&device, "device = { simulated = {} }\n").unwrap();
+    let overrides = Overrides {
+        model: Some(folder.join("other.spm")),
+        devices: vec![device],
+        ..Overrides::default()
+    };
+    let (head, files) = head_with(&folder, &overrides);
+    let run = ticks(&head, &files, 100);
+    let (mut worker, mut queue) = worker(&folder, head.clone(), files.clone());
+    take(&mut worker, &mut queue, &run);
+    let (kept, found) = finish(worker);
+    assert!(found[0].equal && found[0].whole, "{found:?}");
+    assert_eq!(found[0].ticks, 100);
+    let black_box = folder.join("fault.mcap");
+    write_black_box(&kept, "a test", &black_box).unwrap();
+    for path in [&kept[0], &black_box] {
+        let reader = RecordingReader::open(path).unwrap();
+        assert_eq!(reader.files().contents, files.contents);
+        let read = reader.head();
+        assert_eq!(read.scene, head.scene);
+        assert_eq!(read.overrides, overrides);
+        assert_eq!(read.absolute, head.absolute);
+    }
 }
 
 #[test]
