@@ -2,10 +2,11 @@
 //! tick, on the thread that sets up.
 //!
 //! The manifest comes first, then the files that it names and that the cache does not hold. All of
-//! it is checked as a local scene is, when it is loaded.
+//! it is checked as a local scene is, when it is loaded. All comes from the station that was heard
+//! first, as long as it is heard.
 
 use crate::message::note;
-use crate::tuning::{FETCH_POLL, FETCH_SILENCE, FETCH_TOLD, OTHER_VERSION_HEARD};
+use crate::tuning::{FETCH_POLL, FETCH_SILENCE, FETCH_TOLD, OTHER_VERSION_HEARD, STATION_TIMEOUT};
 use file_transfer::{Download, DownloadError};
 use iceoryx2::node::Node;
 use iceoryx2::port::subscriber::Subscriber;
@@ -17,6 +18,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 use transport::{Domain, Heartbeats, MAX_QUEUED, RequestSender, TransportError, receive_in_turn};
+
+/// Silence of the station whose scene is fetched after which another one is listened to: longer
+/// than any that a link makes by losses, and a part of [`FETCH_SILENCE`].
+const SOURCE_SILENCE: Duration = Duration::from_secs(3);
 
 /// Why there is no scene: one sentence.
 #[derive(Debug, Error)]
@@ -95,10 +100,10 @@ pub fn fetch(
     let place = &options.place;
     let mut cache = options.cache.as_ref();
     let mut fetch = Fetch::open(domain, options, stop)?;
-    fetch.wait_for_station()?;
-    let client = options.client;
-    let mut download = Download::new(client, FileHash::SCENE, MAX_MANIFEST_BYTES, fetch.now());
-    fetch.run(&mut download)?;
+    let mut source = fetch.wait_for_station()?;
+    let (client, station, now) = (options.client, source.station, fetch.now());
+    let mut download = Download::new(client, station, FileHash::SCENE, MAX_MANIFEST_BYTES, now);
+    fetch.run(&mut download, &mut source)?;
     let manifest = Manifest::read(&download.take_content())?;
     let (mut contents, missing) = kept(&manifest, cache);
     let kept = contents.len();
@@ -107,7 +112,7 @@ pub fn fetch(
     fetch.all_bytes = missing.iter().map(|file| file.bytes).sum();
     for file in missing {
         download = download.next(file.hash, file.bytes, fetch.now());
-        fetch.run(&mut download)?;
+        fetch.run(&mut download, &mut source)?;
         fetch.done_bytes += file.bytes;
         let content = download.take_content();
         if let Some(folder) = cache
@@ -146,6 +151,112 @@ fn kept<'a>(
         }
     }
     (contents, missing)
+}
+
+/// What the heartbeats of a moment say of stations.
+#[derive(Debug, Default)]
+struct StationsHeard {
+    /// Incarnations of stations, in the order of arrival.
+    stations: Vec<u64>,
+    /// Why a station cannot be spoken to.
+    refused: Option<HelloError>,
+}
+
+impl StationsHeard {
+    /// Takes one in. Controllers of whatever version are none of a fetch's business.
+    fn take(&mut self, hello: &Hello) {
+        match hello.read() {
+            Ok(greeting) if greeting.role == Role::Station => {
+                self.stations.push(greeting.incarnation);
+            }
+            Err(error) if error.role() == Some(Role::Station) => {
+                self.refused.get_or_insert(error);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Stations that cannot be spoken to. Times are those of the fetch.
+#[derive(Debug, Default)]
+struct Refused {
+    /// Since when one is heard without a longer pause, and when it was last.
+    heard: Option<(Duration, Duration)>,
+}
+
+impl Refused {
+    /// One is heard; whether for so long that none of this version is waited for any more. One that
+    /// falls silent is gone, as where it is replaced.
+    fn hear(&mut self, now: Duration) -> bool {
+        let heard = &mut self.heard;
+        heard.take_if(|(_, last)| now.saturating_sub(*last) > STATION_TIMEOUT);
+        let (since, last) = heard.get_or_insert((now, now));
+        *last = now;
+        now.saturating_sub(*since) > OTHER_VERSION_HEARD
+    }
+}
+
+/// The station whose scene is fetched: of several the one that was heard first. Times are those of
+/// the fetch.
+#[derive(Debug)]
+struct Source {
+    /// Its incarnation.
+    station: u64,
+    /// Its last sign of life.
+    heard: Duration,
+    /// Whether another one was heard since, and whether that was told.
+    has_other: bool,
+    has_told: bool,
+}
+
+/// What heartbeats change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Change {
+    Nothing,
+    /// Another station is there too.
+    Beside,
+    /// Another one is the source.
+    Instead,
+}
+
+impl Source {
+    fn new(station: u64, now: Duration) -> Self {
+        Self {
+            station,
+            heard: now,
+            has_other: false,
+            has_told: false,
+        }
+    }
+
+    /// Heartbeats of stations of these incarnations. One that is restarted is another one, so that
+    /// two are there only when the first is heard again.
+    fn hear(&mut self, stations: &[u64], now: Duration) -> Change {
+        let other = stations.iter().copied().find(|&of| of != self.station);
+        if stations.contains(&self.station) {
+            self.heard = now;
+            let tells = self.has_other && !self.has_told;
+            self.has_told |= tells;
+            self.has_other |= other.is_some();
+            return if tells {
+                Change::Beside
+            } else {
+                Change::Nothing
+            };
+        }
+        let Some(other) = other else {
+            return Change::Nothing;
+        };
+        if now.saturating_sub(self.heard) <= SOURCE_SILENCE {
+            self.has_other = true;
+            return Change::Nothing;
+        }
+        *self = Self {
+            has_told: self.has_told,
+            ..Self::new(other, now)
+        };
+        Change::Instead
+    }
 }
 
 /// The ports of a fetch and what it has told.
@@ -204,33 +315,35 @@ impl<'a> Fetch<'a> {
         Ok(())
     }
 
+    /// The heartbeats that came.
+    fn listen(&self) -> Result<StationsHeard, FetchError> {
+        let mut heard = StationsHeard::default();
+        let received = receive_in_turn(
+            || self.hello.incoming.receive(),
+            2 * MAX_QUEUED,
+            // A copy: its sender could change it still.
+            |&hello: &Hello| heard.take(&hello),
+        );
+        received.map_err(|reason| self.domain.error("receive heartbeats", reason))?;
+        Ok(heard)
+    }
+
     /// Waits for the heartbeat of a station.
-    fn wait_for_station(&mut self) -> Result<(), FetchError> {
-        let mut other: Option<(HelloError, Duration)> = None;
+    fn wait_for_station(&mut self) -> Result<Source, FetchError> {
+        let mut refused = Refused::default();
         while self.now() < self.options.station_timeout {
-            let mut is_here = false;
-            let received = receive_in_turn(
-                || self.hello.incoming.receive(),
-                2 * MAX_QUEUED,
-                |hello: &Hello| match hello.read() {
-                    Ok(greeting) => is_here |= greeting.role == Role::Station,
-                    Err(error) if other.is_none() && error != HelloError::NotHello => {
-                        other = Some((error, self.began.elapsed()));
-                    }
-                    _ => {}
-                },
-            );
-            received.map_err(|reason| self.domain.error("receive heartbeats", reason))?;
-            if is_here {
-                self.next_told = self.now() + FETCH_TOLD;
-                return Ok(());
+            let heard = self.listen()?;
+            let now = self.now();
+            if let Some(&station) = heard.stations.first() {
+                self.next_told = now + FETCH_TOLD;
+                return Ok(Source::new(station, now));
             }
-            if let Some((error, since)) = &other
-                && self.now() - *since > OTHER_VERSION_HEARD
+            if let Some(error) = heard.refused
+                && refused.hear(now)
             {
-                return Err(FetchError::OtherVersion(error.clone()));
+                return Err(FetchError::OtherVersion(error));
             }
-            if self.now() > self.next_told {
+            if now > self.next_told {
                 self.next_told = self.options.station_timeout;
                 note!(
                     "waiting for the station {} and its scene",
@@ -246,7 +359,7 @@ impl<'a> Fetch<'a> {
     }
 
     /// Asks for a file until it is whole.
-    fn run(&mut self, download: &mut Download) -> Result<(), FetchError> {
+    fn run(&mut self, download: &mut Download, source: &mut Source) -> Result<(), FetchError> {
         while !download.is_whole() {
             let now = self.now();
             while let Some(request) = download.ask(now) {
@@ -257,6 +370,7 @@ impl<'a> Fetch<'a> {
             if download.is_whole() {
                 break;
             }
+            self.follow(download, source)?;
             if now.saturating_sub(download.heard()) > FETCH_SILENCE {
                 let place = self.options.place.clone();
                 return Err(FetchError::Silent { place });
@@ -271,6 +385,28 @@ impl<'a> Fetch<'a> {
                 }
             }
             self.pause()?;
+        }
+        Ok(())
+    }
+
+    /// Hears who serves the domain, and listens to another station where the first has ended.
+    fn follow(&self, download: &mut Download, source: &mut Source) -> Result<(), FetchError> {
+        let heard = self.listen()?;
+        // Heartbeats may wait behind chunks.
+        source.heard = source.heard.max(download.heard());
+        match source.hear(&heard.stations, self.now()) {
+            Change::Nothing => {}
+            Change::Beside => note!(
+                "another station serves the domain \"{}\" too, and the scene is that of the one that was heard first: stop one of them, or choose another --domain",
+                self.domain.name()
+            ),
+            Change::Instead => {
+                download.listen_to(source.station);
+                note!(
+                    "the station {} was restarted, or another one took its place: the scene is fetched from that one",
+                    self.options.place
+                );
+            }
         }
         Ok(())
     }
@@ -292,5 +428,75 @@ impl<'a> Fetch<'a> {
             download.take(&header, &slots, self.now())?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use protocol::{HELLO_PERIOD_MS, PROTOCOL_VERSION};
+
+    fn ms(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    #[test]
+    fn a_scene_is_of_one_station_until_that_is_silent() {
+        let mut source = Source::new(1, ms(0));
+        // The other one is heard first, again and again.
+        let mut told = Vec::new();
+        for k in 0..100 {
+            let now = k * HELLO_PERIOD_MS;
+            told.push(source.hear(&[2], ms(now)));
+            told.push(source.hear(&[], ms(now)));
+            told.push(source.hear(&[2, 1], ms(now + 50)));
+            assert_eq!(source.station, 1);
+        }
+        told.retain(|&change| change != Change::Nothing);
+        assert_eq!(told, [Change::Beside]);
+        let heard = source.heard;
+        assert_eq!(source.hear(&[2], heard + SOURCE_SILENCE), Change::Nothing);
+        let late = heard + SOURCE_SILENCE + ms(1);
+        assert_eq!(source.hear(&[], late), Change::Nothing);
+        assert_eq!(source.hear(&[2, 1], late), Change::Nothing);
+        let late = late + SOURCE_SILENCE + ms(1);
+        assert_eq!(source.hear(&[2], late), Change::Instead);
+        assert_eq!((source.station, source.heard), (2, late));
+    }
+
+    #[test]
+    fn a_station_that_is_restarted_is_no_second_one() {
+        let mut source = Source::new(1, ms(0));
+        let mut told = Vec::new();
+        // The last heartbeats of the first may come together with the first of the next.
+        told.push(source.hear(&[1, 2], ms(100)));
+        for k in 2..100 {
+            told.push(source.hear(&[2], ms(k * HELLO_PERIOD_MS)));
+        }
+        told.retain(|&change| change != Change::Nothing);
+        assert_eq!(told, [Change::Instead]);
+        assert_eq!(source.station, 2);
+    }
+
+    #[test]
+    fn only_stations_of_another_version_count_and_only_while_they_are_heard() {
+        let mut heard = StationsHeard::default();
+        let version = PROTOCOL_VERSION - 1;
+        heard.take(&Hello::of_version(version, Role::Controller, 1, 1));
+        let swapped = Hello::new(Role::Controller, 1, 1).with_other_byte_order();
+        heard.take(&swapped);
+        assert_eq!(heard.refused, None);
+        heard.take(&Hello::of_version(version, Role::Station, 1, 0));
+        let error = heard.refused.unwrap();
+        assert!(matches!(error, HelloError::OtherVersion { .. }), "{error}");
+        assert!(heard.stations.is_empty());
+
+        let mut refused = Refused::default();
+        let mut is_final = |milliseconds| refused.hear(ms(milliseconds));
+        assert!((0..=10).all(|k| !is_final(100 * k)));
+        // It was silent, and another one is heard.
+        let again = 5000;
+        assert!((0..=10).all(|k| !is_final(again + 100 * k)));
+        assert!(is_final(again + 1100));
     }
 }

@@ -10,9 +10,10 @@ use hrtc::fetch::{FetchError, FetchOptions, Fetched, fetch};
 use hrtc::recorder::replay;
 use hrtc::run::{RunArgs, run_with};
 use hrtc::setup::ForceLimits;
+use hrtc::tuning::OTHER_VERSION_HEARD;
 use protocol::{Hello, PROTOCOL_VERSION, Role, file_chunks};
 use scene::{FileKind, Overrides};
-use scene_files::FileCache;
+use scene_files::{FileCache, recordings_folder};
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, build_model, write_spm_file};
 use station_core::station::Station;
@@ -30,17 +31,18 @@ const CLIENT: u64 = 0xF11E;
 /// Longer than a station takes to come up on a busy machine.
 const LONG: Duration = Duration::from_secs(60);
 
-/// Runs a test as a process of its own with an empty cache folder: that is named by a variable of
-/// the process. Whether this is that process.
+/// Runs a test as a process of its own with an empty cache folder and an empty folder of state:
+/// they are named by variables of the process. Whether this is that process.
 fn has_own_cache(test: &str) -> bool {
     const OWN: &str = "HRTC_TEST_HAS_OWN_CACHE";
     if std::env::var_os(OWN).is_some() {
         return true;
     }
-    let cache = tempfile::tempdir().unwrap();
+    let [cache, state] = [(); 2].map(|()| tempfile::tempdir().unwrap());
     let mut command = Command::new(std::env::current_exe().unwrap());
     command.args([test, "--exact", "--nocapture"]);
     command.env(OWN, "1").env("HRTC_CACHE", cache.path());
+    command.env("XDG_STATE_HOME", state.path());
     assert!(command.status().unwrap().success(), "{test}");
     false
 }
@@ -152,6 +154,31 @@ fn a_run_without_a_scene_is_that_of_the_station_and_replays_alone() {
         found.equal && found.whole && found.ticks > 1000,
         "{found:?}"
     );
+}
+
+/// Recordings of earlier runs are deleted for what is kept.
+#[test]
+fn how_much_of_recordings_is_kept_here_is_not_for_the_station_to_say() {
+    if !has_own_cache("how_much_of_recordings_is_kept_here_is_not_for_the_station_to_say") {
+        return;
+    }
+    let folder = recordings_folder().unwrap();
+    let earlier = folder.join("earlier.mcap");
+    for keep in ["1MiB", "off"] {
+        std::fs::create_dir_all(&folder).unwrap();
+        std::fs::write(&earlier, vec![0; 2 << 20]).unwrap();
+        let scene = ball(&format!("[record]\nkeep = \"{keep}\"\n[[probe]]\n"));
+        let (ended, _) = with_station("keep", scene, |domain| {
+            let mut args = RunArgs::of_station(domain.name());
+            args.seconds = Some(0.5);
+            run_with(&DeviceRegistry::new(), &args, &AtomicBool::new(false))
+        });
+        ended.unwrap();
+        assert!(earlier.exists(), "{keep}");
+        // Beside it is the recording of this run.
+        assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2, "{keep}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
 }
 
 #[test]
@@ -296,22 +323,32 @@ fn where_no_scene_is_to_be_had_a_sentence_says_why() {
     let refused = fetch(&domain, &options(None), &AtomicBool::new(true)).unwrap_err();
     assert!(matches!(refused, FetchError::Stopped), "{refused}");
 
-    let stop = AtomicBool::new(false);
-    let refused = thread::scope(|scope| {
-        scope.spawn(|| {
-            let node = domain.node().unwrap();
-            let hello = domain.heartbeats(&node).unwrap();
-            let other = Hello::of_version(PROTOCOL_VERSION + 1, Role::Station, 1, 0);
-            while !stop.load(Ordering::Relaxed) {
-                hello.outgoing.send_copy(other).unwrap();
-                thread::sleep(Duration::from_millis(10));
-            }
-        });
-        let _stops = Stops(&stop);
-        fetch(&domain, &options(None), &never).unwrap_err()
-    });
+    let beside = |role: Role, options: &FetchOptions| {
+        let stop = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| {
+                let node = domain.node().unwrap();
+                let hello = domain.heartbeats(&node).unwrap();
+                let other = Hello::of_version(PROTOCOL_VERSION + 1, role, 1, 0);
+                while !stop.load(Ordering::Relaxed) {
+                    hello.outgoing.send_copy(other).unwrap();
+                    thread::sleep(Duration::from_millis(10));
+                }
+            });
+            let _stops = Stops(&stop);
+            fetch(&domain, options, &never).unwrap_err()
+        })
+    };
+    let refused = beside(Role::Station, &options(None));
     let version = format!("version {}", PROTOCOL_VERSION + 1);
     assert!(refused.to_string().contains(&version), "{refused}");
+    // A controller is none, whatever it speaks.
+    let longer = FetchOptions {
+        station_timeout: 2 * OTHER_VERSION_HEARD,
+        ..options(None)
+    };
+    let refused = beside(Role::Controller, &longer);
+    assert!(matches!(refused, FetchError::NoStation { .. }), "{refused}");
 
     let stop = AtomicBool::new(false);
     let refused = thread::scope(|scope| {

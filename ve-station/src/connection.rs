@@ -1,12 +1,13 @@
 //! Connection agent of the station: the iceoryx2 ports around the pure [`Station`], on one thread.
 //!
 //! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to
-//! say is sent. Nothing here blocks; what a full queue discards shows as a gap to the receiver, and
-//! epochs heal it. Between two looks at the ports each client has a turn of a few steps; a session
-//! that waits for long, as for a tour or the closure of a whole model, is told in time that it is
-//! being made.
+//! say is sent. Nothing here blocks, and what people are told is written by another thread; what a
+//! full queue discards shows as a gap to the receiver, and epochs heal it. Between two looks at the
+//! ports each client has a turn of a few steps; a session that waits for long, as for a tour or the
+//! closure of a whole model, is told in time that it is being made.
 
 use crate::clients::{ClientStatus, Clients};
+use crate::telling::Teller;
 use crate::tuning::link::{
     ANSWERED_HELLO, CLEANUP, FILE_CHUNKS_A_TURN, FILES_ASKED, FORGET, HELLO, MAKE_ROOM, MAX_SAID,
     POLL, REOPEN, STATUS, STEPS_A_TURN, TOLD_US, TURNED_AWAY,
@@ -49,6 +50,8 @@ pub struct Connection<D> {
     turned_away: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
     said: BTreeSet<String>,
+    /// While it serves: nothing is written on its thread.
+    teller: Teller,
 }
 
 #[derive(Debug)]
@@ -186,6 +189,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             is_greeted: false,
             turned_away: BTreeMap::new(),
             said: BTreeSet::new(),
+            teller: Teller::default(),
         })
     }
 
@@ -219,8 +223,15 @@ impl<D: AsRef<[u8]>> Connection<D> {
         self.run_telling(stop, |_| ());
     }
 
-    /// The same, and tells every second who is connected.
-    pub fn run_telling(&mut self, stop: &AtomicBool, mut tell: impl FnMut(&[ClientStatus])) {
+    /// The same, and tells every second who is connected. `tell` may hang, as in a write to a
+    /// terminal that is paused: it has a thread of its own, and what is to be told meanwhile is
+    /// left out. At the end it is dropped there, which is waited for, but not for long.
+    pub fn run_telling(
+        &mut self,
+        stop: &AtomicBool,
+        tell: impl FnMut(&[ClientStatus]) + Send + 'static,
+    ) {
+        self.teller = Teller::start(tell, |sentence| tracing::warn!("{sentence}"));
         let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
         let (mut next_status, mut last_hello) = (next_cleanup, next_hello);
         while !stop.load(Ordering::Relaxed) {
@@ -249,12 +260,13 @@ impl<D: AsRef<[u8]>> Connection<D> {
             }
             if now >= next_status {
                 next_status = now + STATUS;
-                tell(&self.clients.tell(now));
+                self.teller.status(self.clients.tell(now));
             }
             if self.waiting.is_empty() {
                 std::thread::sleep(POLL);
             }
         }
+        self.teller.end();
     }
 
     /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the
@@ -314,7 +326,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
         );
         self.check("receive contacts", received);
         for note in self.station.take_notes() {
-            tracing::warn!("{note}");
+            self.teller.warn(note);
         }
     }
 
@@ -377,7 +389,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             }
         }
         for note in self.station.take_notes() {
-            tracing::warn!("{note}");
+            self.teller.warn(note);
         }
     }
 
@@ -482,7 +494,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// Logs a warning the first time it occurs.
     fn warn_once(&mut self, sentence: String) {
         if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
-            tracing::warn!("{sentence}");
+            self.teller.warn(sentence.clone());
             self.said.insert(sentence);
         }
     }

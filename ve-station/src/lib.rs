@@ -9,6 +9,7 @@
 //! | `file_bytes` | the bytes of a file, safe from whoever overwrites it |
 //! | [`viewer`] | `serve --view`: what a controller on this machine touches, in rerun |
 //! | [`clients`] | who is connected, and the line about it |
+//! | `telling` | what the service tells people, without waiting for them |
 //! | [`connection`], [`serve`] | the iceoryx2 ports around the pure core ([`station_core`]), and the command |
 //!
 //! # Two machines
@@ -98,6 +99,7 @@ mod file_bytes;
 pub mod inspect;
 pub mod output;
 pub mod serve;
+mod telling;
 mod tuning;
 pub mod viewer;
 

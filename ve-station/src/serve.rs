@@ -117,13 +117,12 @@ pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeEr
     let mut connection = Connection::open(&domain, station)?.with_files(files);
     note("ready");
     let mut status = StatusLine::new();
-    connection.run_telling(stop, |clients| {
+    connection.run_telling(stop, move |clients| {
         status.show(clients);
         if let Some(viewer) = &mut viewer {
             viewer.look(note);
         }
     });
-    status.bar.finish_and_clear();
     let report = ServeReport {
         scene: plan.name,
         domain: args.domain.clone(),
@@ -159,8 +158,8 @@ fn note(line: &str) {
     let _ = writeln!(std::io::stderr(), "{line}");
 }
 
-/// The line that tells who is connected: on a terminal one that is kept up to date, elsewhere one
-/// for each controller that comes or goes, and now and then.
+/// The line that tells who is connected: on a terminal one that is kept up to date and goes at the
+/// end, elsewhere one for each controller that comes or goes, and now and then.
 struct StatusLine {
     bar: ProgressBar,
     /// The clients that were listed last, and when.
@@ -192,6 +191,12 @@ impl StatusLine {
             note(&line);
             self.listed = (ids, Instant::now());
         }
+    }
+}
+
+impl Drop for StatusLine {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }
 

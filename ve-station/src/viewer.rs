@@ -8,7 +8,7 @@ use crate::tuning::viewer::ENDS;
 use scene::ScenePlan;
 use scene_files::recordings_folder;
 use std::collections::BTreeSet;
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::Instant;
@@ -148,7 +148,15 @@ impl Drop for Viewer {
 /// Whether somebody shares the lock of a file, as who writes a recording. (Who looks whether it is
 /// free has the lock alone, for a moment.)
 fn is_written(path: &Path) -> bool {
-    File::open(path).is_ok_and(|file| file.try_lock().is_err() && file.try_lock_shared().is_ok())
+    // Over NFS only what is open for writing is locked alone.
+    let opened = File::options().read(true).write(true).open(path);
+    opened.is_ok_and(|file| is_held(&file.try_lock()) && file.try_lock_shared().is_ok())
+}
+
+/// Whether another one holds a lock of a file, by the answer to who would have its lock alone: any
+/// other refusal says nothing of that.
+fn is_held(locked: &Result<(), TryLockError>) -> bool {
+    matches!(locked, Err(TryLockError::WouldBlock))
 }
 
 #[cfg(test)]
@@ -167,6 +175,17 @@ mod tests {
         files[0].try_lock().expect("nobody has it");
         files[1].try_lock_shared().expect("nobody has it");
         assert_eq!(paths.map(|path| is_written(&path)), [false, true, false]);
+    }
+
+    /// As over NFS, where a lock is refused that the file is not open for, or where there are none.
+    #[test]
+    fn a_lock_that_cannot_be_had_is_not_one_that_another_has() {
+        assert!(is_held(&Err(TryLockError::WouldBlock)));
+        assert!(!is_held(&Ok(())));
+        for (name, number) in [("EBADF", 9), ("ENOLCK", 37)] {
+            let error = std::io::Error::from_raw_os_error(number);
+            assert!(!is_held(&Err(TryLockError::Error(error))), "{name}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::*;
 use iceoryx2::prelude::ServiceName;
 use protocol::records_topic;
+use std::sync::mpsc::channel;
 
 /// Its topic is opened once, not instead of the others'.
 #[test]
@@ -21,6 +22,26 @@ fn who_asks_for_a_file_and_does_not_listen_keeps_no_one_waiting() {
     assert!(!newcomer.answer().is_empty());
     assert!(newcomer.link.stop().is_some());
     assert!(asks.link.stop().is_some());
+    served.stop();
+}
+
+/// As the reader of a terminal that is paused.
+#[test]
+fn who_never_reads_what_the_station_tells_keeps_no_controller_waiting() {
+    let domain = domain("unread");
+    let (begun, begins) = channel();
+    let (release, held) = channel::<()>();
+    let served = Served::start_telling(&domain, 24, torus(), move |_| {
+        let _ = begun.send(());
+        let _ = held.recv();
+    });
+    begins.recv().unwrap();
+    let mut tick = Tick::start(&domain);
+    tick.wait_for_station(24);
+    tick.request(RequestKind::Model, |_| {});
+    assert!(!tick.answer().is_empty());
+    assert!(tick.link.stop().is_some());
+    drop(release);
     served.stop();
 }
 

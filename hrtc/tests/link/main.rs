@@ -66,10 +66,24 @@ struct Served {
 
 impl Served {
     fn start(domain: &Domain, incarnation: u64, bytes: Vec<u8>) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let (domain, stopped) = (domain.clone(), Arc::clone(&stop));
         let status = Arc::new(Mutex::new(Vec::new()));
         let told = Arc::clone(&status);
+        let tell = move |clients: &[ClientStatus]| *told.lock().unwrap() = clients.to_vec();
+        Self {
+            status,
+            ..Self::start_telling(domain, incarnation, bytes, tell)
+        }
+    }
+
+    /// One that tells of its clients otherwise.
+    fn start_telling(
+        domain: &Domain,
+        incarnation: u64,
+        bytes: Vec<u8>,
+        tell: impl FnMut(&[ClientStatus]) + Send + 'static,
+    ) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let (domain, stopped) = (domain.clone(), Arc::clone(&stop));
         let thread = thread::spawn(move || {
             let served = ServedModel {
                 name: "torus".to_owned(),
@@ -81,13 +95,13 @@ impl Served {
             };
             let station = Station::new(incarnation, vec![served], vec![object]);
             let mut connection = Connection::open(&domain, station).unwrap();
-            connection.run_telling(&stopped, |clients| *told.lock().unwrap() = clients.to_vec());
+            connection.run_telling(&stopped, tell);
             let counters = connection.station().counters();
             (counters, connection.refused_heartbeats())
         });
         Self {
             stop,
-            status,
+            status: Arc::default(),
             thread,
         }
     }
@@ -133,18 +147,32 @@ impl Tick {
         let recorder: ChunkRecorder = Box::new(move |chunk| {
             record.lock().unwrap().push(chunk.header.sequence);
         });
-        Self::with_recorder((client, encoding), domain, recorder, recorded)
+        let inbox = RingBuffer::new(INBOX_CAPACITY);
+        Self::with_ends((client, encoding), domain, inbox, (recorder, recorded))
     }
 
-    fn with_recorder(
+    fn with_recorder(domain: &Domain, recorder: ChunkRecorder) -> Self {
+        let inbox = RingBuffer::new(INBOX_CAPACITY);
+        let recorder = (recorder, Arc::default());
+        Self::with_ends((CLIENT, Encoding::Plain), domain, inbox, recorder)
+    }
+
+    /// With an inbox of so many chunks.
+    fn with_inbox(domain: &Domain, chunks: usize) -> Self {
+        let recorder: ChunkRecorder = Box::new(|_| ());
+        let recorder = (recorder, Arc::default());
+        let inbox = RingBuffer::new(chunks);
+        Self::with_ends((CLIENT, Encoding::Plain), domain, inbox, recorder)
+    }
+
+    fn with_ends(
         (client, encoding): (u64, Encoding),
         domain: &Domain,
-        recorder: ChunkRecorder,
-        recorded: Arc<Mutex<Vec<u64>>>,
+        (inbox_in, inbox): (Producer<InboxChunk>, Consumer<InboxChunk>),
+        (recorder, recorded): (ChunkRecorder, Arc<Mutex<Vec<u64>>>),
     ) -> Self {
         let (requests, requests_out) = RingBuffer::new(64);
         let (contacts, contacts_out) = RingBuffer::new(64);
-        let (inbox_in, inbox) = RingBuffer::new(INBOX_CAPACITY);
         let station = Arc::new(AtomicU64::new(0));
         let other_version = Arc::new(AtomicU32::new(0));
         let round_trip_us = Arc::new(AtomicU32::new(0));
@@ -235,8 +263,7 @@ fn a_link_that_died_is_noticed_and_can_be_stopped() {
     let (domain, bytes) = (domain("died"), torus());
     let served = Served::start(&domain, 78, bytes);
     let recorder: ChunkRecorder = Box::new(|_| panic!("made on purpose in the link"));
-    let mut tick =
-        Tick::with_recorder((CLIENT, Encoding::Plain), &domain, recorder, Arc::default());
+    let mut tick = Tick::with_recorder(&domain, recorder);
     tick.wait_for_station(78);
     assert!(!tick.link.has_ended());
     tick.request(RequestKind::Model, |_| {});
@@ -372,11 +399,12 @@ fn a_full_inbox_delays_chunks_and_loses_none() {
     let (domain, bytes) = (domain("full"), torus());
     let file = SpmFile::open(bytes.clone()).unwrap();
     let served = Served::start(&domain, 5, bytes);
-    let mut tick = Tick::start(&domain);
+    // Smaller than the credit, so that it is full time and again.
+    let mut tick = Tick::with_inbox(&domain, 8);
     tick.wait_for_station(5);
     let regions: Vec<u32> = file.regions().iter().map(|r| r.0).take(32).collect();
     let mut last = 0;
-    // The inbox is left alone until the station's credit is used up, again and again.
+    // The inbox is left alone until it is full, again and again.
     for round in 0..4 {
         tick.request(RequestKind::Regions, |request| {
             request.model = file.model_header().model;
@@ -387,7 +415,7 @@ fn a_full_inbox_delays_chunks_and_loses_none() {
                 ask.action = RegionAction::Resend as u32;
             }
         });
-        thread::sleep(Duration::from_millis(20));
+        until("a full inbox", || tick.inbox.slots() == 8);
         until("the round's answers", || {
             while let Ok(chunk) = tick.inbox.pop() {
                 assert_eq!(chunk.header.sequence, tick.consumed);
@@ -402,7 +430,9 @@ fn a_full_inbox_delays_chunks_and_loses_none() {
             last == (round + 1) * regions.len() as u64
         });
     }
-    drop(tick);
+    let report = tick.link.stop().unwrap();
+    assert!(report.inbox_full > 0, "{report:?}");
+    assert_eq!(report.chunks, tick.consumed);
     served.stop();
 }
 

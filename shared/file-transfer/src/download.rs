@@ -63,15 +63,20 @@ struct Found {
 }
 
 /// One file that is being asked for. Times are those of one clock, from any start.
+///
+/// Every station of a domain hears the questions and answers them; what another one says than that
+/// which is listened to is left alone, else the file would be made of two.
 #[derive(Debug, Clone)]
 pub struct Download {
     client: u64,
+    /// Incarnation of the station.
+    station: u64,
     wanted: FileHash,
     max_bytes: u64,
     found: Option<Found>,
     outstanding: Vec<Asked>,
     next_question: u32,
-    /// When the last chunk came that was new, or something was asked for with nothing under way.
+    /// When it began, or the last chunk came that was new.
     heard: Duration,
     /// Smoothed round trip and its mean deviation, seconds.
     round_trip: Option<(f64, f64)>,
@@ -84,11 +89,13 @@ pub struct Download {
 }
 
 impl Download {
-    /// Nothing of a file yet; `max_bytes` are taken at the most.
+    /// Nothing of a file yet, which the station of this incarnation is to give; `max_bytes` are
+    /// taken at the most.
     #[must_use]
-    pub fn new(client: u64, wanted: FileHash, max_bytes: u64, now: Duration) -> Self {
+    pub fn new(client: u64, station: u64, wanted: FileHash, max_bytes: u64, now: Duration) -> Self {
         Self {
             client,
+            station,
             wanted,
             max_bytes,
             found: None,
@@ -103,16 +110,24 @@ impl Download {
         }
     }
 
-    /// The same client's next file: numbers of questions and chunks and the measured round trip go
-    /// on.
+    /// The same client's next file of the same station: numbers of questions and chunks and the
+    /// measured round trip go on.
     #[must_use]
     pub fn next(&self, wanted: FileHash, max_bytes: u64, now: Duration) -> Self {
         Self {
             next_question: self.next_question,
             round_trip: self.round_trip,
             chunks: self.chunks,
-            ..Self::new(self.client, wanted, max_bytes, now)
+            ..Self::new(self.client, self.station, wanted, max_bytes, now)
         }
+    }
+
+    /// Listens to the station of another incarnation from now on, as where it was restarted: what
+    /// is here stays, and what is under way is asked for again.
+    pub fn listen_to(&mut self, station: u64) {
+        self.station = station;
+        self.outstanding.clear();
+        self.silences = 0;
     }
 
     /// Whether all of it is here and its hash is right.
@@ -147,7 +162,7 @@ impl Download {
         self.chunks
     }
 
-    /// When something new was heard last.
+    /// When something new was heard last, or when it began.
     #[must_use]
     pub fn heard(&self) -> Duration {
         self.heard
@@ -185,7 +200,7 @@ impl Download {
         Some(ask.request())
     }
 
-    /// Takes a chunk in; one that is not of this file, or not sound, changes nothing.
+    /// Takes a chunk in; one that is not of this file or station, or not sound, changes nothing.
     ///
     /// # Errors
     /// When the file cannot be had: one sentence.
@@ -195,7 +210,8 @@ impl Download {
         slots: &[ChunkSlot; CHUNK_SLOTS],
         now: Duration,
     ) -> Result<(), DownloadError> {
-        let chunk = FileChunk::of(header).filter(|_| header.client == self.client);
+        let is_ours = (header.client, header.station) == (self.client, self.station);
+        let chunk = FileChunk::of(header).filter(|_| is_ours);
         let Some(chunk) = chunk.filter(|_| !self.is_whole && header.is_sound(slots)) else {
             return Ok(());
         };

@@ -10,7 +10,8 @@
 //! The station remembers nothing of a client but the few ranges that it has not sent yet. The
 //! client asks for ranges that are not here and not under way; when it hears nothing for a measured
 //! round trip and its variation, all that was under way counts as lost. So loss, another order, a
-//! restarted station and a restarted controller need no agreement.
+//! restarted station and a restarted controller need no agreement. Of several stations it listens
+//! to one.
 //!
 //! ```
 //! use file_transfer::{Download, FileServer};
@@ -20,11 +21,12 @@
 //!
 //! let content = vec![7; 100_000];
 //! let hash = FileHash::of(&content);
-//! let mut server = FileServer::new(1, hash, BTreeMap::from([(hash, content.clone())]));
+//! let station = 1;
+//! let mut server = FileServer::new(station, hash, BTreeMap::from([(hash, content.clone())]));
 //!
 //! // The scene itself needs no hash; client 42 takes at most a megabyte.
 //! let (now, client) = (Duration::ZERO, 42);
-//! let mut download = Download::new(client, FileHash::SCENE, 1 << 20, now);
+//! let mut download = Download::new(client, station, FileHash::SCENE, 1 << 20, now);
 //! while !download.is_whole() {
 //!     while let Some(request) = download.ask(now) {
 //!         server.handle(&request);

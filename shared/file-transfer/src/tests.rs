@@ -14,6 +14,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 const CLIENT: u64 = 7;
+const STATION: u64 = 1;
 const MAX_BYTES: u64 = 1 << 20;
 
 /// What a link does, in percent of its messages, and for how long it keeps one, milliseconds.
@@ -80,7 +81,8 @@ fn server(station: u64, content: &[u8]) -> FileServer {
     FileServer::new(station, hash, BTreeMap::from([(hash, content.to_vec())]))
 }
 
-/// Milliseconds until the scene is whole, or an error; from time to time the station starts anew.
+/// Milliseconds until the scene is whole, or an error; from time to time the station starts anew, as
+/// its client hears at once.
 fn fetch(
     contents: &[Vec<u8>],
     link: Link,
@@ -91,7 +93,7 @@ fn fetch(
     let mut station = server(0, &contents[0]);
     let mut up = OnTheWay::new(link, seed);
     let mut down: OnTheWay<Chunk> = OnTheWay::new(link, seed ^ 1);
-    let mut download = Download::new(CLIENT, FileHash::SCENE, MAX_BYTES, Duration::ZERO);
+    let mut download = Download::new(CLIENT, 0, FileHash::SCENE, MAX_BYTES, Duration::ZERO);
     for now_ms in 0.. {
         assert!(now_ms < 3_600_000, "an hour, and not whole");
         let now = Duration::from_millis(now_ms);
@@ -99,6 +101,7 @@ fn fetch(
             starts += 1;
             let last = contents.len() - 1;
             station = server(starts, &contents[last.min(starts as usize)]);
+            download.listen_to(starts);
         }
         let mut asked = 0;
         while let Some(request) = download.ask(now) {
@@ -141,7 +144,8 @@ proptest! {
         [lost, repeated, damaged] in prop::array::uniform3(0..40u64),
         least_ms in 0..200u64,
         more_ms in 0..100u64,
-        restart_ms in 50..4000u64,
+        // Longer than a way there and back, else nobody lives to see an answer.
+        restart_ms in 1000..4000u64,
     ) {
         let link = Link { lost, repeated, damaged, least_ms, more_ms };
         let content = content(bytes, seed);
@@ -154,7 +158,7 @@ proptest! {
         seed in any::<u64>(),
         bytes in prop::collection::vec(0..100_000usize, 2..4),
         lost in 0..20u64,
-        restart_ms in 10..300u64,
+        restart_ms in 50..500u64,
     ) {
         let link = Link { lost, repeated: 5, damaged: 0, least_ms: 5, more_ms: 10 };
         let contents: Vec<Vec<u8>> =
@@ -171,15 +175,16 @@ proptest! {
     ) {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let content = content(bytes, seed);
-        let mut station = server(1, &content);
-        let mut download = Download::new(CLIENT, FileHash::SCENE, MAX_BYTES, Duration::ZERO);
+        let mut station = server(STATION, &content);
+        let mut download =
+            Download::new(CLIENT, STATION, FileHash::SCENE, MAX_BYTES, Duration::ZERO);
         for (k, head) in heads.iter().enumerate() {
             let now = Duration::from_millis(k as u64 * 500);
             while download.ask(now).is_some() {}
             let mut header = ChunkHeader::zeroed();
             bytemuck::bytes_of_mut(&mut header)[32..64].copy_from_slice(head);
             // Often enough right in part.
-            header.client = CLIENT;
+            (header.client, header.station) = (CLIENT, STATION);
             header.kind = [6, 7][k % 2];
             header.code = [7, 1, 3, small as u32, header.code][k % 5];
             header.sequence = [0, 1, random.next_u64()][k % 3];
@@ -221,8 +226,8 @@ fn a_perfect_link_carries_each_chunk_once() {
         more_ms: 0,
     };
     let content = content(200_000, 1);
-    let mut station = server(1, &content);
-    let mut download = Download::new(CLIENT, FileHash::SCENE, MAX_BYTES, Duration::ZERO);
+    let mut station = server(STATION, &content);
+    let mut download = Download::new(CLIENT, STATION, FileHash::SCENE, MAX_BYTES, Duration::ZERO);
     let (mut up, mut down) = (OnTheWay::new(link, 1), OnTheWay::new(link, 2));
     for now_ms in 0..10_000 {
         let now = Duration::from_millis(now_ms);
@@ -247,7 +252,7 @@ fn a_perfect_link_carries_each_chunk_once() {
 fn what_is_not_there_is_refused_by_name() {
     let now = Duration::ZERO;
     let ask = |station: &mut FileServer, wanted, max_bytes| -> Result<_, DownloadError> {
-        let mut download = Download::new(CLIENT, wanted, max_bytes, now);
+        let mut download = Download::new(CLIENT, STATION, wanted, max_bytes, now);
         while !download.is_whole() {
             while let Some(request) = download.ask(now) {
                 station.handle(&request);
@@ -258,7 +263,7 @@ fn what_is_not_there_is_refused_by_name() {
         Ok(download.take_content())
     };
     let content = content(50_000, 3);
-    let mut station = server(1, &content);
+    let mut station = server(STATION, &content);
     let other = FileHash::of(b"other");
     let hash = FileHash::of(&content);
     assert_eq!(ask(&mut station, hash, MAX_BYTES), Ok(content));
@@ -271,7 +276,7 @@ fn what_is_not_there_is_refused_by_name() {
         large,
         DownloadError::TooLarge { most: 20_000, .. }
     ));
-    let mut empty = FileServer::empty(1);
+    let mut empty = FileServer::empty(STATION);
     let none = ask(&mut empty, FileHash::SCENE, MAX_BYTES).unwrap_err();
     assert_eq!(none, DownloadError::NoScene);
 }
@@ -280,8 +285,8 @@ fn what_is_not_there_is_refused_by_name() {
 fn a_content_that_is_not_its_hash_is_thrown_away_and_at_last_an_error() {
     let wrong = vec![1; 3 * FILE_CHUNK_BYTES];
     let hash = FileHash::of(b"what it should be");
-    let mut station = FileServer::new(1, hash, BTreeMap::from([(hash, wrong)]));
-    let mut download = Download::new(CLIENT, hash, MAX_BYTES, Duration::ZERO);
+    let mut station = FileServer::new(STATION, hash, BTreeMap::from([(hash, wrong)]));
+    let mut download = Download::new(CLIENT, STATION, hash, MAX_BYTES, Duration::ZERO);
     let mut taken = Ok(());
     while taken.is_ok() {
         while let Some(request) = download.ask(Duration::ZERO) {
@@ -298,7 +303,7 @@ fn a_content_that_is_not_its_hash_is_thrown_away_and_at_last_an_error() {
 #[test]
 fn clients_and_questions_are_bounded_and_the_others_are_served() {
     let content = content(1 << 20, 4);
-    let mut station = server(1, &content);
+    let mut station = server(STATION, &content);
     let ask = |client, question| FileAsk {
         client,
         file: FileHash::SCENE,
@@ -323,8 +328,8 @@ fn clients_and_questions_are_bounded_and_the_others_are_served() {
 fn the_silence_before_a_question_is_repeated_follows_the_round_trip() {
     let silence = |round_trip_ms: u64| {
         let content = content(1000 * FILE_CHUNK_BYTES, 5);
-        let mut station = server(1, &content);
-        let mut download = Download::new(CLIENT, FileHash::SCENE, 1 << 22, Duration::ZERO);
+        let mut station = server(STATION, &content);
+        let mut download = Download::new(CLIENT, STATION, FileHash::SCENE, 1 << 22, Duration::ZERO);
         let mut now_ms = 0;
         for _ in 0..20 {
             let now = Duration::from_millis(now_ms);
@@ -350,8 +355,9 @@ fn the_silence_before_a_question_is_repeated_follows_the_round_trip() {
 }
 
 #[test]
-fn a_chunk_of_another_client_or_file_is_left_alone() {
-    let mut download = Download::new(CLIENT, FileHash::of(b"x"), MAX_BYTES, Duration::ZERO);
+fn a_chunk_of_another_client_station_or_file_is_left_alone() {
+    let wanted = FileHash::of(b"x");
+    let mut download = Download::new(CLIENT, STATION, wanted, MAX_BYTES, Duration::ZERO);
     let request = download.ask(Duration::ZERO).unwrap();
     let question = FileAsk::of(&request).unwrap().question;
     let slots = [ChunkSlot::zeroed(); CHUNK_SLOTS];
@@ -362,10 +368,69 @@ fn a_chunk_of_another_client_or_file_is_left_alone() {
         bytes: 1,
         question,
     };
-    let foreign = chunk(FileHash::of(b"x")).header(1, CLIENT + 1, &slots);
-    let other = chunk(FileHash::of(b"y")).header(1, CLIENT, &slots);
-    for header in [foreign, other] {
+    let foreign = chunk(wanted).header(STATION, CLIENT + 1, &slots);
+    let elsewhere = chunk(wanted).header(STATION + 1, CLIENT, &slots);
+    let other = chunk(FileHash::of(b"y")).header(STATION, CLIENT, &slots);
+    for header in [foreign, elsewhere, other] {
         download.take(&header, &slots, Duration::ZERO).unwrap();
         assert_eq!(download.chunks(), 0);
     }
+}
+
+/// Asks two stations until the file is whole; what the second one says comes first.
+fn fetch_of_two(
+    stations: &mut [FileServer; 2],
+    wanted: FileHash,
+) -> Result<Vec<u8>, DownloadError> {
+    let now = Duration::ZERO;
+    let mut download = Download::new(CLIENT, STATION, wanted, MAX_BYTES, now);
+    while !download.is_whole() {
+        while let Some(request) = download.ask(now) {
+            stations.iter_mut().for_each(|of| of.handle(&request));
+        }
+        for station in stations.iter_mut().rev() {
+            while let Some((header, slots)) = station.poll(CLIENT) {
+                download.take(&header, &slots, now)?;
+            }
+        }
+    }
+    Ok(download.take_content())
+}
+
+#[test]
+fn of_two_stations_one_is_listened_to() {
+    // More than a question asks for.
+    let [own, other] = [6, 7].map(|seed| content(40 * FILE_CHUNK_BYTES, seed));
+    let mut both = [server(STATION, &own), server(STATION + 1, &other)];
+    assert_eq!(fetch_of_two(&mut both, FileHash::SCENE).as_ref(), Ok(&own));
+    // The other one has no such file, and says so.
+    let hash = FileHash::of(&own);
+    assert_eq!(fetch_of_two(&mut both, hash), Ok(own));
+    assert!(both[1].counters().refused > 0);
+}
+
+#[test]
+fn a_station_that_is_restarted_goes_on_where_the_one_before_ended() {
+    let now = Duration::ZERO;
+    let content = content(40 * FILE_CHUNK_BYTES, 8);
+    let mut station = server(STATION, &content);
+    let mut download = Download::new(CLIENT, STATION, FileHash::SCENE, MAX_BYTES, now);
+    let request = download.ask(now).unwrap();
+    station.handle(&request);
+    for _ in 0..5 {
+        let (header, slots) = station.poll(CLIENT).unwrap();
+        download.take(&header, &slots, now).unwrap();
+    }
+    station = server(STATION + 1, &content);
+    download.listen_to(STATION + 1);
+    while !download.is_whole() {
+        while let Some(request) = download.ask(now) {
+            station.handle(&request);
+        }
+        while let Some((header, slots)) = station.poll(CLIENT) {
+            download.take(&header, &slots, now).unwrap();
+        }
+    }
+    assert_eq!(station.counters().chunks, 35);
+    assert_eq!(download.take_content(), content);
 }

@@ -57,6 +57,8 @@ pub enum HelloError {
         theirs: u32,
         /// The peer's build.
         build: String,
+        /// The peer's role; `None` where this version has none such.
+        role: Option<Role>,
     },
     /// A peer on a machine that stores numbers the other way round.
     #[error(
@@ -67,7 +69,20 @@ pub enum HelloError {
     OtherByteOrder {
         /// The peer's build.
         build: String,
+        /// The peer's role; `None` where this version has none such.
+        role: Option<Role>,
     },
+}
+
+impl HelloError {
+    /// Role of the peer; `None` where it is unknown.
+    #[must_use]
+    pub fn role(&self) -> Option<Role> {
+        match self {
+            Self::NotHello => None,
+            Self::OtherVersion { role, .. } | Self::OtherByteOrder { role, .. } => *role,
+        }
+    }
 }
 
 const MAGIC: &[u8; 8] = b"hrtc-hlo";
@@ -154,22 +169,26 @@ impl Hello {
             return Err(HelloError::NotHello);
         }
         let build = self.build();
+        // In its place in every version.
+        let role = match u32::from_le_bytes(self.array(12)) {
+            0 => Some(Role::Station),
+            1 => Some(Role::Controller),
+            _ => None,
+        };
         let theirs = u32::from_le_bytes(self.array(8));
         if theirs != PROTOCOL_VERSION {
-            return Err(HelloError::OtherVersion { theirs, build });
+            return Err(HelloError::OtherVersion {
+                theirs,
+                build,
+                role,
+            });
         }
         let mark = u32::from_ne_bytes(self.array(64));
         if mark == BYTE_ORDER_MARK.swap_bytes() {
-            return Err(HelloError::OtherByteOrder { build });
+            return Err(HelloError::OtherByteOrder { build, role });
         }
-        let role = match u32::from_le_bytes(self.array(12)) {
-            0 => Role::Station,
-            1 => Role::Controller,
-            _ => return Err(HelloError::NotHello),
-        };
-        if mark != BYTE_ORDER_MARK {
-            return Err(HelloError::NotHello);
-        }
+        let role = role.filter(|_| mark == BYTE_ORDER_MARK);
+        let role = role.ok_or(HelloError::NotHello)?;
         let micros = u32::from_le_bytes(self.array(68));
         Ok(Greeting {
             role,
@@ -224,21 +243,27 @@ mod tests {
     #[test]
     fn another_version_is_refused_by_its_name_whatever_it_says_beyond_64_bytes() {
         let version = PROTOCOL_VERSION + 1;
-        let mut other = Hello::of_version(version, Role::Station, 1, 1).with_build("8.1.0");
-        for rest in [0, 1, u8::MAX] {
-            other.bytes[64..].fill(rest);
-            let error = other.read().unwrap_err().to_string();
-            let theirs = format!("version {version} (build 8.1.0)");
-            assert!(error.contains(&theirs), "{error}");
-            assert!(error.contains(BUILD), "{error}");
+        for role in [Role::Station, Role::Controller] {
+            let mut other = Hello::of_version(version, role, 1, 1).with_build("8.1.0");
+            for rest in [0, 1, u8::MAX] {
+                other.bytes[64..].fill(rest);
+                let error = other.read().unwrap_err();
+                assert_eq!(error.role(), Some(role));
+                let error = error.to_string();
+                let theirs = format!("version {version} (build 8.1.0)");
+                assert!(error.contains(&theirs), "{error}");
+                assert!(error.contains(BUILD), "{error}");
+            }
+            other.put(12, &7u32.to_le_bytes());
+            assert_eq!(other.read().unwrap_err().role(), None);
         }
     }
 
     #[test]
     fn another_byte_order_is_refused_by_its_name() {
         let error = ours().with_other_byte_order().read().unwrap_err();
-        let build = BUILD.to_owned();
-        assert_eq!(error, HelloError::OtherByteOrder { build });
+        let (build, role) = (BUILD.to_owned(), Some(Role::Controller));
+        assert_eq!(error, HelloError::OtherByteOrder { build, role });
         let error = error.to_string();
         assert!(error.contains("big-endian") && error.contains("little-endian"));
         // Neither order is no heartbeat of this version.

@@ -1,10 +1,18 @@
 //! Files of other machines, kept in the user's cache folder by the hash of their content.
 
+use crate::MAX_SCENE_BYTES;
 use protocol::FileHash;
 use scene::FileKind;
-use std::fs;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// How the names of temporary files begin; one that nobody has locked is left of a process that was
+/// killed.
+const TEMPORARY_PREFIX: &str = ".hrtc-file-";
+/// Bytes that all files may have together: two of the largest scenes.
+const MAX_KEPT_BYTES: u64 = 2 * MAX_SCENE_BYTES;
 
 /// The folder of what can be made or fetched again: `$HRTC_CACHE`, else `hrtc/models` in the user's
 /// cache. `None` when neither that nor a home is known.
@@ -24,10 +32,12 @@ pub fn recordings_folder() -> Option<PathBuf> {
     Some(state.join("hrtc").join("recordings"))
 }
 
-/// Kept files. A content is checked whenever it is read, so a damaged or foreign file is none.
+/// Kept files, at most 2 GiB of them: beyond, those go that were not used for longest. A content is
+/// checked whenever it is read, so a damaged or foreign file is none.
 #[derive(Debug, Clone)]
 pub struct FileCache {
     folder: PathBuf,
+    max_bytes: u64,
 }
 
 impl FileCache {
@@ -36,6 +46,7 @@ impl FileCache {
     pub fn new(folder: &Path) -> Self {
         Self {
             folder: folder.to_owned(),
+            max_bytes: MAX_KEPT_BYTES,
         }
     }
 
@@ -54,21 +65,83 @@ impl FileCache {
     /// The content of a hash; `None` when it is not kept, or damaged.
     #[must_use]
     pub fn get(&self, kind: FileKind, hash: FileHash) -> Option<Vec<u8>> {
-        let content = fs::read(self.path(kind, hash)).ok()?;
-        (FileHash::of(&content) == hash).then_some(content)
+        let path = self.path(kind, hash);
+        let content = fs::read(&path).ok()?;
+        if FileHash::of(&content) != hash {
+            return None;
+        }
+        // Where it cannot be noted that it was used, it goes earlier.
+        let opened = File::options().write(true).open(&path);
+        let _ = opened.and_then(|file| file.set_modified(SystemTime::now()));
+        Some(content)
     }
 
-    /// Keeps a content. It appears whole or not at all.
+    /// Keeps a content, with room made for it. It appears whole or not at all.
     ///
     /// # Errors
     /// When the folder cannot be written.
     pub fn put(&self, kind: FileKind, hash: FileHash, content: &[u8]) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
-        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
+        self.make_room(content.len() as u64);
+        let mut file = tempfile::Builder::new()
+            .prefix(TEMPORARY_PREFIX)
+            .tempfile_in(&self.folder)?;
+        // Who makes room leaves alone what is locked, and everything where there are no locks; who
+        // looks whether it is holds it for a moment.
+        let _ = file.as_file().lock();
         file.write_all(content)?;
         file.persist(self.path(kind, hash)).map_err(|e| e.error)?;
         Ok(())
     }
+
+    /// Removes what killed processes left, and files, those first that were not used for longest,
+    /// until so many bytes more fit. What cannot be removed stays: it is only room.
+    fn make_room(&self, bytes: u64) {
+        let Ok(entries) = fs::read_dir(&self.folder) else {
+            return;
+        };
+        let mut kept = Vec::new();
+        for entry in entries.flatten() {
+            let (name, path) = (entry.file_name(), entry.path());
+            let name = name.to_string_lossy();
+            if name.starts_with(TEMPORARY_PREFIX) {
+                if is_left(&path) {
+                    let _ = fs::remove_file(&path);
+                }
+            } else if is_kept_file(&name)
+                && let Ok(of) = entry.metadata()
+            {
+                kept.push((of.modified().unwrap_or(UNIX_EPOCH), of.len(), path));
+            }
+        }
+        kept.sort();
+        let mut all = bytes + kept.iter().map(|of| of.1).sum::<u64>();
+        for (_, bytes, path) in kept {
+            if all <= self.max_bytes {
+                break;
+            }
+            if fs::remove_file(path).is_ok() {
+                all -= bytes;
+            }
+        }
+    }
+}
+
+/// Whether a file is named as [`FileCache::path`] names them: other files of the folder are not
+/// ours.
+fn is_kept_file(name: &str) -> bool {
+    let kinds = [FileKind::Tool, FileKind::Trajectory, FileKind::HeightMap];
+    let parts = name.split_once('.');
+    parts.is_some_and(|(hash, ending)| {
+        hash.parse::<FileHash>().is_ok() && kinds.iter().any(|kind| kind.ending() == ending)
+    })
+}
+
+/// Whether nobody has a temporary file locked, as who writes it has.
+fn is_left(path: &Path) -> bool {
+    // Over NFS only what is open for writing is locked alone.
+    let opened = File::options().read(true).write(true).open(path);
+    opened.is_ok_and(|file| file.try_lock().is_ok())
 }
 
 #[cfg(test)]
@@ -89,6 +162,61 @@ mod tests {
         assert_eq!(cache.get(kind, hash), None);
         cache.put(kind, hash, content).unwrap();
         assert_eq!(cache.get(kind, hash).as_deref(), Some(content));
+    }
+
+    fn names(folder: &Path) -> Vec<String> {
+        let entries = fs::read_dir(folder).unwrap();
+        let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        let mut names: Vec<String> = names.collect();
+        names.sort();
+        names
+    }
+
+    #[test]
+    fn what_a_killed_put_left_is_removed_and_what_is_written_stays() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        let [left, written] = ["left", "written"].map(|of| format!("{TEMPORARY_PREFIX}{of}"));
+        for name in [left.as_str(), &written, "notes.txt"] {
+            fs::write(at(name), b"0,0").unwrap();
+        }
+        let writer = File::options().write(true).open(at(&written)).unwrap();
+        writer.lock().unwrap();
+        let cache = FileCache::new(folder.path());
+        let (kind, content) = (FileKind::Trajectory, b"0,0,0,0\n".as_slice());
+        let hash = FileHash::of(content);
+        cache.put(kind, hash, content).unwrap();
+        let file = format!("{hash}.csv");
+        let expected = [written.as_str(), &file, "notes.txt"];
+        assert_eq!(names(folder.path()), expected);
+        assert_eq!(cache.get(kind, hash).as_deref(), Some(content));
+    }
+
+    #[test]
+    fn of_too_many_bytes_those_go_that_were_not_used_for_longest() {
+        let folder = tempfile::tempdir().unwrap();
+        let cache = FileCache {
+            max_bytes: 10,
+            ..FileCache::new(folder.path())
+        };
+        let kind = FileKind::HeightMap;
+        let contents = [b"1111", b"2222", b"3333"];
+        let hashes = contents.map(|content| FileHash::of(content));
+        // A model that the station has built, and what somebody else keeps.
+        for other in ["ball-0123456789abcdef-b18f7.spm", "notes.png"] {
+            fs::write(folder.path().join(other), [0; 100]).unwrap();
+        }
+        for (seconds, (hash, content)) in (1..).zip(hashes.into_iter().zip(contents)).take(2) {
+            cache.put(kind, hash, content).unwrap();
+            let file = File::options().write(true).open(cache.path(kind, hash));
+            let long_ago = UNIX_EPOCH + std::time::Duration::from_secs(seconds);
+            file.unwrap().set_modified(long_ago).unwrap();
+        }
+        assert!(cache.get(kind, hashes[0]).is_some());
+        cache.put(kind, hashes[2], contents[2]).unwrap();
+        let kept = hashes.map(|hash| cache.get(kind, hash).is_some());
+        assert_eq!(kept, [true, false, true]);
+        assert_eq!(names(folder.path()).len(), 4);
     }
 
     #[test]

@@ -47,7 +47,7 @@ enum Host {
 pub enum AddressError {
     /// Not of the form.
     #[error(
-        "\"{0}\" is no address of a link: write tls/HOST or tls/HOST:PORT, as tls/192.168.1.10:7447, or tcp/127.0.0.1:7447 on one machine"
+        "\"{0}\" is no address of a link: write tls/HOST, tls/HOST:PORT or tls/[IPV6]:PORT, as tls/192.168.1.10:7447, or tcp/127.0.0.1:7447 on one machine"
     )]
     Form(String),
     /// Plain bytes would leave the machine.
@@ -150,7 +150,8 @@ impl fmt::Display for Address {
     }
 }
 
-/// Nothing that zenoh would read as a setting of the link (`?`, `#`, `;`) passes.
+/// Every host passes that a certificate may name, so also `_`; nothing passes that zenoh would read
+/// as a setting of the link (`?`, `#`, `;`).
 fn host_and_port(text: &str) -> Option<(Host, u16)> {
     if let Some(rest) = text.strip_prefix('[') {
         let (ip, rest) = rest.split_once(']')?;
@@ -159,7 +160,7 @@ fn host_and_port(text: &str) -> Option<(Host, u16)> {
     }
     let end = text.find(':').unwrap_or(text.len());
     let (name, rest) = text.split_at(end);
-    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '.' || c == '-';
+    let is_part = |c: char| c.is_ascii_alphanumeric() || ".-_".contains(c);
     if name.is_empty() || !name.chars().all(is_part) {
         return None;
     }
@@ -188,6 +189,7 @@ mod tests {
             ("tls/192.168.1.10:7447", "tls/192.168.1.10:7447"),
             ("tls/0.0.0.0", "tls/0.0.0.0:7447"),
             ("tls/Station.lab:1", "tls/station.lab:1"),
+            ("tls/ve_station", "tls/ve_station:7447"),
             ("tls/[::]:7447", "tls/[::]:7447"),
             ("tcp/[::1]", "tcp/[::1]:7447"),
             ("tcp/localhost:65535", "tcp/localhost:65535"),
@@ -224,6 +226,7 @@ mod tests {
         ] {
             let sentence = Address::to_call(typed).unwrap_err().to_string();
             assert!(sentence.contains("tls/192.168.1.10:7447"), "{sentence}");
+            assert!(sentence.contains("tls/[IPV6]"), "{sentence}");
         }
     }
 

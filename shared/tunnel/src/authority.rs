@@ -226,3 +226,25 @@ fn write(path: &str, text: &str) -> Result<(), MakeKeysError> {
             reason,
         })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::is_host;
+    use crate::address::Address;
+    use std::net::IpAddr;
+
+    /// Addresses with colons stand in brackets, so only names are looked at.
+    #[test]
+    fn whatever_name_a_certificate_may_hold_can_be_called() {
+        let characters = || (0..=127).map(char::from);
+        let names = characters().flat_map(|c| characters().map(move |d| format!("a{c}{d}")));
+        let names = names.chain(characters().map(|c| format!("{c}-b.lab")));
+        let names = names.filter(|name| is_host(name) && name.parse::<IpAddr>().is_err());
+        let names: Vec<String> = names.collect();
+        assert!(names.contains(&"a_b".to_owned()), "{names:?}");
+        for name in names {
+            let address = Address::to_call(&format!("tls/{name}"));
+            assert!(address.is_ok(), "{name}: {address:?}");
+        }
+    }
+}

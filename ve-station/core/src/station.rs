@@ -221,7 +221,10 @@ impl<D: AsRef<[u8]>> Station<D> {
     }
 
     /// Takes a message in. Whatever it holds, the worst that happens is that it is counted and
-    /// ignored.
+    /// ignored, or that it ends a session for good: a request has no checksum, and where a bit of
+    /// its epoch or incarnation flips, all that its client asks in that session afterwards belongs
+    /// to the past, until the client is removed or is another incarnation. So the transports have
+    /// to deliver messages whole or not at all, as shared memory and TLS do.
     pub fn handle(&mut self, message: Message<'_>) {
         self.heard += 1;
         match message {

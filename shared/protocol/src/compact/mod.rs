@@ -250,7 +250,18 @@ impl Model {
         }
     }
 
+    /// The slots that came in `sent`, if they are those that were sealed.
     fn decode(
+        &mut self,
+        header: &ChunkHeader,
+        sent: &[ChunkSlot],
+    ) -> Option<[ChunkSlot; CHUNK_SLOTS]> {
+        let mut reader = BitReader::new(bytemuck::cast_slice(sent));
+        let slots = self.decode_any(&mut reader, header);
+        slots.filter(|slots| header.is_sound(slots))
+    }
+
+    fn decode_any(
         &mut self,
         reader: &mut BitReader<'_>,
         header: &ChunkHeader,
@@ -329,20 +340,32 @@ impl ChunkDecoder {
         if session.is_some_and(|session| session.is_past(header)) {
             return Err(CompactError::Repeated);
         }
-        let session = if header.sequence == 0 {
-            self.sessions.begin(header)
-        } else {
-            self.sessions.going_on(header).ok_or(CompactError::Gap)?
-        };
+        if header.sequence == 0 {
+            return self.first(header, sent);
+        }
+        let session = self.sessions.going_on(header).ok_or(CompactError::Gap)?;
         let model = session.model.get_or_insert_default();
-        let mut reader = BitReader::new(bytemuck::cast_slice(sent));
-        let slots = model.decode(&mut reader, header);
-        let Some(slots) = slots.filter(|slots| header.is_sound(slots)) else {
+        let Some(slots) = model.decode(header, sent) else {
             session.is_lost = true;
             session.model = None;
             return Err(CompactError::Damaged);
         };
         session.next += 1;
+        Ok(slots)
+    }
+
+    /// Begins anew with the first chunk of an epoch, once it is known to be sound: beside a damaged
+    /// epoch of far ahead all that comes later would count as repeated.
+    fn first(
+        &mut self,
+        header: &ChunkHeader,
+        sent: &[ChunkSlot],
+    ) -> Result<[ChunkSlot; CHUNK_SLOTS], CompactError> {
+        let mut model = Box::<Model>::default();
+        let slots = model.decode(header, sent).ok_or(CompactError::Damaged)?;
+        let session = self.sessions.begin(header);
+        session.next += 1;
+        session.model = Some(model);
         Ok(slots)
     }
 

@@ -242,6 +242,30 @@ fn a_gap_is_named_until_a_plain_chunk_or_an_epoch_begins_anew() {
 }
 
 #[test]
+fn a_damaged_epoch_of_a_first_chunk_makes_no_later_chunk_a_repeated_one() {
+    let (mut encoder, mut decoder) = (ChunkEncoder::default(), ChunkDecoder::default());
+    let [before, hit, after] = [0, 1, 2].map(|epoch| answers(&[38, 37], 1, epoch));
+    for chunk in &before {
+        let sent = sent(&mut encoder, chunk);
+        assert_eq!(decoder.decode(&chunk.0, &sent), Ok(chunk.1));
+    }
+    let line: Vec<_> = hit.iter().map(|of| sent(&mut encoder, of)).collect();
+    assert!(line[0].len() < CHUNK_SLOTS);
+    let mut damaged = hit[0].0;
+    damaged.epoch ^= 1 << 20;
+    let decoded = decoder.decode(&damaged, &line[0]);
+    assert_eq!(decoded, Err(CompactError::Damaged));
+    // What is missing now is named.
+    let decoded = decoder.decode(&hit[1].0, &line[1]);
+    assert_eq!(decoded, Err(CompactError::Gap));
+    for chunk in &after {
+        let sent = sent(&mut encoder, chunk);
+        assert!(sent.len() < CHUNK_SLOTS);
+        assert_eq!(decoder.decode(&chunk.0, &sent), Ok(chunk.1));
+    }
+}
+
+#[test]
 fn sessions_are_bounded() {
     let (mut encoder, mut decoder) = (ChunkEncoder::default(), ChunkDecoder::default());
     for object in 0..100 {
