@@ -98,7 +98,8 @@ impl Solids {
 
     /// Adds a tube without ends from a point to another.
     pub fn tube(&mut self, from: DVec3, to: DVec3, radius: f64, color: Color) {
-        self.cone(from, to, [radius; 2], color);
+        let along = (to - from).normalize_or_zero();
+        self.cone([from, to], along, [radius; 2], color);
     }
 
     /// Adds an arrow from a point by a vector; the radius is that of its shaft, if its head has
@@ -112,14 +113,14 @@ impl Solids {
         // A short arrow is a smaller head, not a flat one.
         let radius = head / HEAD_LENGTH;
         let wide = HEAD_RADIUS * radius;
-        self.cone(from, neck, [radius; 2], color);
-        self.cone(neck, neck, [radius, wide], color);
-        self.cone(neck, from + by, [wide, 0.0], color);
+        self.cone([from, neck], along, [radius; 2], color);
+        self.cone([neck; 2], along, [radius, wide], color);
+        self.cone([neck, from + by], along, [wide, 0.0], color);
     }
 
-    /// Adds the side of a cone with a radius at each end.
-    fn cone(&mut self, from: DVec3, to: DVec3, radii: [f64; 2], color: Color) {
-        let along = (to - from).normalize_or_zero();
+    /// Adds the side of a cone with a radius at each end, along a direction of length 1; where both
+    /// ends are one point, a disc.
+    fn cone(&mut self, [from, to]: [DVec3; 2], along: DVec3, radii: [f64; 2], color: Color) {
         let side = along.any_orthonormal_vector();
         let across = along.cross(side);
         let around = |k: usize| {
@@ -134,7 +135,12 @@ impl Solids {
                 to + radii[1] * out[1],
                 to + radii[1] * out[0],
             ];
-            self.quad(corners, [out[0], out[1], out[1], out[0]], color);
+            let normals = if from == to {
+                [along; 4]
+            } else {
+                [out[0], out[1], out[1], out[0]]
+            };
+            self.quad(corners, normals, color);
         }
     }
 
@@ -168,6 +174,20 @@ mod tests {
         assert_eq!(farthest, 1.0);
         solids.arrow(DVec3::ZERO, DVec3::ZERO, 0.01, [0; 3]);
         assert_eq!(solids.opaque.len(), 3 * 2 * AROUND, "none without a length");
+    }
+
+    /// All but one half of each quad at the tip, whose corners meet there.
+    #[test]
+    fn every_face_of_an_arrow_has_an_area() {
+        const RADIUS: f64 = 0.01;
+        let mut solids = Solids::default();
+        solids.arrow(DVec3::Y, DVec3::new(1.0, 2.0, -0.5), RADIUS, [0; 3]);
+        let areas = solids.opaque.iter().map(|of| {
+            let [a, b, c] = of.corners;
+            0.5 * (b - a).cross(c - a).length()
+        });
+        let seen = areas.filter(|&area| area > 0.1 * RADIUS * RADIUS);
+        assert_eq!(seen.count() + AROUND, solids.opaque.len());
     }
 
     #[test]

@@ -19,7 +19,7 @@
 use clap::Args;
 use scene::Overrides;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Options of the command line that replace values of the scene.
 #[derive(Debug, Clone, Default, Args)]
@@ -62,11 +62,8 @@ impl OverrideArgs {
     /// As arguments of another process; `=` keeps a negative number from being read as an option.
     #[must_use]
     pub fn typed(&self) -> Vec<OsString> {
-        let mut typed = Vec::new();
-        if let Some(model) = &self.model {
-            typed.push("--model".into());
-            typed.push(model.into());
-        }
+        let model = self.model.iter().map(|model| typed_path("model", model));
+        let mut typed: Vec<OsString> = model.collect();
         let numbers = [
             ("size", self.size.map(|v| v.to_string())),
             ("speed", self.speed.map(|v| v.to_string())),
@@ -81,6 +78,15 @@ impl OverrideArgs {
         }
         typed
     }
+}
+
+/// The option `--name` with a file, as one argument of another process: a path that begins with a
+/// hyphen is not read as an option either, and none needs to be UTF-8.
+#[must_use]
+pub fn typed_path(name: &str, path: &Path) -> OsString {
+    let mut typed = OsString::from(format!("--{name}="));
+    typed.push(path);
+    typed
 }
 
 #[cfg(test)]
@@ -102,5 +108,20 @@ mod tests {
         assert_eq!(refused.err(), Some(ErrorKind::ValueValidation));
         let cache = typed("--cache").map(|program| program.overrides.cache);
         assert_eq!(cache.ok().flatten().as_deref(), Some("-1"));
+    }
+
+    #[test]
+    fn what_is_typed_for_another_process_is_read_again() {
+        let read = |typed: Vec<OsString>| {
+            let typed = [OsString::from("program")].into_iter().chain(typed);
+            Program::try_parse_from(typed).map(|program| program.overrides)
+        };
+        for model in ["-m.spm", "--size", "a=b c.spm"] {
+            let given = vec![format!("--model={model}").into(), "--seed=3".into()];
+            let given = read(given).unwrap();
+            assert_eq!(given.model.as_deref(), Some(Path::new(model)));
+            let again = read(given.typed()).unwrap();
+            assert_eq!(again.overrides(), given.overrides());
+        }
     }
 }

@@ -213,7 +213,7 @@ impl Manifest {
         Ok(())
     }
 
-    /// Where the scene's text stands among [`Manifest::kept`].
+    /// Where the scene's text stands among [`Manifest::kept`]; no name of a content has a folder.
     #[must_use]
     pub fn path(&self) -> PathBuf {
         format!("{}.toml", self.name).into()

@@ -121,10 +121,16 @@ impl HeightMap {
     }
 
     /// Bound of the slope anywhere at any coarseness: of the relative height, per width of the
-    /// picture. Coarser levels are means, and no steeper.
+    /// picture. It is that of all levels: a coarser one may be the steepest, since half of an odd
+    /// number of samples is rounded up, and so they are less than twice as far apart.
     #[must_use]
     pub fn steepest(&self) -> f64 {
-        self.levels[0].steepest() * self.levels[0].width as f64
+        let aspect = self.aspect();
+        let of = |level: &Level| {
+            let (across, along) = (level.width as f64, level.height as f64 * aspect);
+            level.steepest(DVec2::new(across, along))
+        };
+        self.levels.iter().map(of).fold(0.0, f64::max)
     }
 
     /// Bytes of all levels.
@@ -176,30 +182,23 @@ impl Level {
         })
     }
 
-    /// Bound of the slope, per distance of two samples. The slope of the spline along each side is
-    /// a mean of the differences within three by three samples.
-    fn steepest(&self) -> f64 {
+    /// Bound of the slope, given the slopes of a difference of 1 between two samples along each
+    /// side.
+    fn steepest(&self, slope_of_one: DVec2) -> f64 {
         let (width, height) = (self.width, self.height);
         let around = |k: usize, count: usize| [(k + count - 1) % count, k, (k + 1) % count];
-        let mut steepest = 0.0f64;
+        let mut squared = 0.0f64;
         for y in 0..height {
             let rows = around(y, height).map(|row| &self.samples[row * width..(row + 1) * width]);
             for x in 0..width {
                 let columns = around(x, width);
                 let samples = rows.map(|row| columns.map(|column| f64::from(row[column])));
-                let (mut across, mut along) = (0.0f64, 0.0f64);
-                for k in 0..3 {
-                    let [row, column] = [samples[k], samples.map(|row| row[k])];
-                    across = across
-                        .max((row[1] - row[0]).abs())
-                        .max((row[2] - row[1]).abs());
-                    along = along.max((column[1] - column[0]).abs());
-                    along = along.max((column[2] - column[1]).abs());
-                }
-                steepest = steepest.max(across.hypot(along));
+                let slopes = control_slopes(samples).map(|slope| slope * slope_of_one);
+                let squares = slopes.map(DVec2::length_squared);
+                squared = squares.into_iter().fold(squared, f64::max);
             }
         }
-        steepest
+        squared.sqrt()
     }
 
     /// Quadratic spline over three by three samples; height and slope are continuous.
@@ -239,6 +238,20 @@ fn spline(t: f64) -> ([f64; 3], [f64; 3]) {
     )
 }
 
+/// The spline's slope over the cell of the middle one of three by three samples, as the control
+/// points of a Bézier patch, per distance of two samples: every slope there is a mean of these.
+fn control_slopes(samples: [[f64; 3]; 3]) -> [DVec2; 9] {
+    let heights = |[a, b, c]: [f64; 3]| [0.5 * (a + b), b, 0.5 * (b + c)];
+    let differences = |[a, b, c]: [f64; 3]| [b - a, 0.5 * (c - a), c - b];
+    let across = transposed(samples.map(differences)).map(heights);
+    let along = transposed(transposed(samples).map(differences)).map(heights);
+    std::array::from_fn(|k| DVec2::new(across[k % 3][k / 3], along[k / 3][k % 3]))
+}
+
+fn transposed(rows: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
+    std::array::from_fn(|column| rows.map(|row| row[column]))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -269,24 +282,49 @@ mod tests {
         }
     }
 
+    /// The steepest slope that is found, of all coarsenesses.
+    fn found(map: &HeightMap) -> f64 {
+        let slopes = (0..13_000).map(|k| {
+            let place = DVec2::new(0.013 * f64::from(k), 0.0071 * f64::from(k));
+            let slope = map.at(place, 0.5 * f64::from(k % 13)).slope;
+            // Per width of the picture along both sides: its pixels are square.
+            DVec2::new(slope.x, slope.y * map.aspect()).length()
+        });
+        slopes.fold(0.0, f64::max)
+    }
+
     #[test]
     fn no_slope_is_above_the_bound_and_that_of_waves_is_near_it() {
         // Pseudorandom heights, of odd sizes too, and waves, whose slope is a turn.
         let random = |n: usize| ((n * 7919 + 13) % 101) as f32 / 50.0 - 1.0;
         for (width, height) in [(16, 16), (9, 7), (32, 5), (1, 3)] {
             let map = HeightMap::new(width, height, (0..width * height).map(random).collect());
-            let most = map.steepest();
-            for k in 0..4000 {
-                let place = DVec2::new(0.013 * f64::from(k), 0.0071 * f64::from(k));
-                let coarseness = f64::from(k % 7) * 0.4;
-                let slope = map.at(place, coarseness).slope;
-                // Per width of the picture along both sides: its pixels are square.
-                let slope = DVec2::new(slope.x, slope.y * map.aspect());
-                assert!(slope.length() <= most * (1.0 + 1e-6), "{slope} {most}");
-            }
+            let (found, most) = (found(&map), map.steepest());
+            assert!(found <= most * (1.0 + 1e-6), "{found} {most}");
         }
         let most = waves(64).steepest() / std::f64::consts::TAU;
         assert!((0.99..1.01).contains(&most), "{most}");
+    }
+
+    #[test]
+    fn a_coarse_level_that_is_steeper_than_the_finest_is_within_the_bound() {
+        // Triangular waves along one side; each side is halved by its own number of samples.
+        let wave = |k: usize, count: usize| 1.0 - (2.0 * k as f32 / count as f32 - 1.0).abs();
+        for (width, height) in [(7, 7), (9, 9), (17, 17), (33, 33), (16, 33), (64, 9)] {
+            let places = || 0..width * height;
+            let along = places().map(|k| wave(k / width, height));
+            let across = places().map(|k| wave(k % width, width));
+            for samples in [along.collect(), across.collect()] {
+                let map = HeightMap::new(width, height, samples);
+                let (found, most) = (found(&map), map.steepest());
+                assert!(
+                    found <= most * (1.0 + 1e-6),
+                    "{width} {height}: {found} {most}"
+                );
+                // The bound is that of the waves, not more.
+                assert!(found > 0.95 * most, "{width} {height}: {found} {most}");
+            }
+        }
     }
 
     #[test]

@@ -261,13 +261,14 @@ fn check_slope(
     amplitude_m: f64,
     wavelength_m: f64,
 ) -> Result<(), SceneError> {
-    if TAU * amplitude_m / wavelength_m > MAX_TEXTURE_SLOPE {
-        let max = MAX_TEXTURE_SLOPE * wavelength_m / TAU;
-        return Err(source.value(typed, &format!(
-            "amplitude_m is {amplitude_m}: waves of {wavelength_m} m would be steeper than 45 degrees; write at most {max}"
-        )));
+    // Compared with the number that is named, which is to be let in.
+    let max = MAX_TEXTURE_SLOPE * wavelength_m / TAU;
+    if amplitude_m <= max {
+        return Ok(());
     }
-    Ok(())
+    Err(source.value(typed, &format!(
+        "amplitude_m is {amplitude_m}: waves of {wavelength_m} m would be steeper than 45 degrees; write at most {max}"
+    )))
 }
 
 /// The picture of a texture, no steeper than waves may be: the force grows with the slope.
@@ -371,7 +372,7 @@ fn spring(
             ));
         }
     };
-    let damping = Range::Positive(limits.damping());
+    let damping = Range::NotNegative(limits.damping());
     let damping_ns_per_m = source.number(key!(typed.damping_ns_per_m), 0.0, damping)?;
     let max = limits.stiffness(damping_ns_per_m);
     if max == 0.0 {

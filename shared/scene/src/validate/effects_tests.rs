@@ -152,6 +152,23 @@ fn a_wrong_parameter_is_refused_with_its_line_and_a_remedy() {
 }
 
 #[test]
+fn the_amplitude_that_a_refusal_names_is_let_in() {
+    // Waves from 0.3 mm up, 0.0019 m among them.
+    for k in 3..1000 {
+        let wavelength_m = f64::from(k) / 10_000.0;
+        let texture = |amplitude_m: &str| {
+            let waves = format!("grating = {{ wavelength_m = {wavelength_m} }}");
+            with(&on_object(&format!(
+                "texture = {{ amplitude_m = {amplitude_m}, {waves} }}"
+            )))
+        };
+        let refused = texture("1.0").unwrap_err().to_string();
+        let named = refused.split("write at most ").nth(1).expect(&refused);
+        assert!(texture(named).is_ok(), "{refused}");
+    }
+}
+
+#[test]
 fn the_speed_that_counts_for_a_texture_is_the_one_that_runs() {
     let text = on_object("texture = { amplitude_m = 1e-5, grating = { wavelength_m = 1e-3 } }");
     assert!(with(&text).is_ok());
@@ -290,6 +307,18 @@ fn effects_that_act_at_once_are_stable_together() {
 }
 
 #[test]
+fn a_spring_without_damping_may_be_written_as_such() {
+    let spring = |damping: &str| {
+        let place = "point_m = [0, 0, 0], stiffness_n_per_m = 500";
+        with(&of_scene(&format!("spring = {{ {place}{damping} }}")))
+    };
+    let plan = spring("").unwrap();
+    assert_eq!(spring(", damping_ns_per_m = 0.0"), Ok(plan));
+    let refused = spring(", damping_ns_per_m = -0.1").unwrap_err();
+    assert!(refused.0.contains("a number from 0 to 50"), "{refused}");
+}
+
+#[test]
 fn on_a_device_without_damping_only_a_spring_with_damping_is_stable() {
     let probe = "[[probe]]\ndevice = { simulated = { damping_ns_per_m = 0.0 } }\n";
     let scene = |effects: &[&str]| {
@@ -298,6 +327,7 @@ fn on_a_device_without_damping_only_a_spring_with_damping_is_stable() {
     };
     for effect in [
         "{ spring = { point_m = [0, 0, 0], stiffness_n_per_m = 5 } }",
+        "{ spring = { point_m = [0, 0, 0], stiffness_n_per_m = 5, damping_ns_per_m = 0 } }",
         "{ magnet = { force_n = 1, reach_m = 0.01 } }",
     ] {
         let error = scene(&[effect]).unwrap_err().to_string();

@@ -113,12 +113,21 @@ fn copies(
             &format!("counts is {counts:?}; write three whole numbers from 1 up whose product is at most {MAX_OBJECTS}"),
         ));
     }
+    let offset = |place: [i64; 3]| DVec3::from_array(place.map(|k| k as f64)) * spacing;
+    let last = plan.pose.position + offset(counts.map(|n| n - 1));
+    // The others are between it and the first.
+    if !last.cmple(DVec3::splat(MAX_LENGTH_M)).all() {
+        return Err(source.value(
+            &grid.spacing_m,
+            &format!("spacing_m is {spacing}: the last copy would be beyond {MAX_LENGTH_M:e} m; write less, or smaller counts"),
+        ));
+    }
     let [nx, ny, nz] = counts;
     let places = (0..nz).flat_map(|z| (0..ny).flat_map(move |y| (0..nx).map(move |x| [x, y, z])));
     Ok(places
         .map(|place| {
             let mut copy = plan.clone();
-            copy.pose.position += DVec3::from_array(place.map(|k| k as f64)) * spacing;
+            copy.pose.position += offset(place);
             copy
         })
         .collect())
@@ -230,4 +239,36 @@ fn generate_plan(source: &Source, typed: &GenerateTyped) -> Result<ModelSource, 
         shape: shape.clone(),
         faces: faces as u32,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{NoFiles, Overrides, SceneError, ScenePlan, parse};
+    use std::path::Path;
+
+    /// The objects of a grid along z, on line 6, that begins at a height.
+    fn grid(z_m: f64, count: u32, spacing_m: f64) -> Result<ScenePlan, SceneError> {
+        let text = format!(
+            "[[probe]]\n[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n\
+             pose = {{ position_m = [0, 0, {z_m:?}] }}\n\
+             grid = {{ counts = [1, 1, {count}], spacing_m = {spacing_m:?} }}\n"
+        );
+        let none = Overrides::default();
+        parse(&text, "test.toml", Path::new(""), &none, &NoFiles)
+    }
+
+    #[test]
+    fn a_copy_is_no_farther_than_an_object_may_be() {
+        for (z_m, count, spacing_m) in [(0.0, 4096, 1e7), (0.0, 3, 5.1e6), (1.0, 2, 1e7)] {
+            let refused = grid(z_m, count, spacing_m).unwrap_err().0;
+            let place = "test.toml, line 6: spacing_m is ";
+            assert!(refused.starts_with(place), "{refused}");
+            assert!(refused.contains("beyond 1e7 m"), "{refused}");
+        }
+        for (z_m, count, spacing_m) in [(0.0, 3, 5e6), (-1e7, 3, 1e7), (1e7, 1, 1e7)] {
+            let plan = grid(z_m, count, spacing_m).unwrap();
+            let last = plan.objects.last().unwrap().pose.position.z;
+            assert_eq!(last, z_m + f64::from(count - 1) * spacing_m);
+        }
+    }
 }
