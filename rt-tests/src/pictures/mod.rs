@@ -13,10 +13,16 @@
 //! | [`touch_picture`] | the picture of a moment |
 //! | [`legend`] | its colours and what they mean |
 //! | [`shots`] | a still picture of a recording, and a film |
+//! | [`follower`] | a recording that is read while it is written |
+//! | [`pace`] | how much of a run is sent to a viewer |
+//! | [`course`] | which of its ticks, up to the last one |
 //! | `viewer` | a recording, or a run behind it, for the viewer rerun (feature `view`) |
 
+pub mod course;
+pub mod follower;
 pub mod legend;
 pub mod moment;
+pub mod pace;
 pub mod playback;
 pub mod shots;
 pub mod sight;

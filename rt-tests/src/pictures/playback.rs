@@ -5,6 +5,7 @@ use hrtc::recorder::{Entry, RecordingError, RecordingPlace, RecordingReader, Twi
 use hrtc::tick_record::TickRecord;
 use hrtc_core::record::max_or_nan;
 use scene::ScenePlan;
+use std::collections::BTreeSet;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
@@ -145,7 +146,7 @@ impl Playback {
             fed.begin(&reader)?;
             for entry in reader {
                 if let Some((record, twin)) = fed.take(entry)?
-                    && visit(&record, twin).is_break()
+                    && visit(record, twin).is_break()
                 {
                     return Ok(());
                 }
@@ -160,6 +161,16 @@ impl Playback {
 #[derive(Debug, Default)]
 pub(super) struct FedTwin {
     twin: Option<Twin>,
+    /// That of a keyframe, until a tick follows it.
+    fresh: Option<Twin>,
+    /// The last tick of the twin.
+    last: Option<Box<TickRecord>>,
+    /// The tick that comes next when none is missing; `None` while nothing was read.
+    next_tick: Option<u64>,
+    /// Ticks before `next_tick` that the twin did not run.
+    passed_over: u64,
+    /// The tick after those that the recording says are missing.
+    after_hole: u64,
 }
 
 impl FedTwin {
@@ -170,7 +181,8 @@ impl FedTwin {
     pub fn begin(&mut self, reader: &RecordingReader) -> Result<(), Failure> {
         if reader.head().segment == 0 {
             let controller = reader.head().controller(reader.files()).map_err(input)?;
-            self.twin = Some(Twin::new(controller));
+            self.fresh = Some(Twin::new(controller));
+            self.next_tick = Some(0);
         }
         Ok(())
     }
@@ -179,26 +191,59 @@ impl FedTwin {
     ///
     /// # Errors
     /// When a keyframe cannot be read, or a tick gives other outputs than the controller's.
-    pub fn take(&mut self, entry: Entry) -> Result<Option<(Box<TickRecord>, &Twin)>, Failure> {
-        match (entry, &mut self.twin) {
-            (Entry::Keyframe(state), _) => {
-                self.twin = Some(Twin::from_bytes(&state).map_err(input)?);
+    pub fn take(&mut self, entry: Entry) -> Result<Option<(&TickRecord, &Twin)>, Failure> {
+        match entry {
+            Entry::Keyframe(state) => {
+                self.fresh = Some(Twin::from_bytes(&state).map_err(input)?);
             }
-            (Entry::Chunk(index, chunk), Some(twin)) => {
-                // A gap shows at the tick that needs the chunk.
-                let _ = twin.arrive(index, &chunk);
-            }
-            (Entry::Tick(record), Some(twin)) => {
-                if twin.tick(&record).is_ok() {
-                    check(&record, twin)?;
-                    return Ok(self.twin.as_ref().map(|twin| (record, twin)));
+            Entry::Chunk(index, chunk) => {
+                if let Some(twin) = self.fresh.as_mut().or(self.twin.as_mut()) {
+                    // A gap shows at the tick that needs the chunk.
+                    let _ = twin.arrive(index, &chunk);
                 }
-                // Inputs are missing: there is no state until the next keyframe.
-                self.twin = None;
             }
+            Entry::Hole(hole) => self.after_hole = self.after_hole.max(hole.last.saturating_add(1)),
+            Entry::Tick(record) => return self.tick(record),
             _ => {}
         }
         Ok(None)
+    }
+
+    fn tick(&mut self, record: Box<TickRecord>) -> Result<Option<(&TickRecord, &Twin)>, Failure> {
+        self.last = None;
+        if let Some(fresh) = self.fresh.take() {
+            self.twin = Some(fresh);
+        }
+        // A tick stands for those that the run skipped before it.
+        let stands_from = record.tick.saturating_sub(u64::from(record.skipped));
+        let expected = self.next_tick.unwrap_or(stands_from);
+        self.passed_over += stands_from.saturating_sub(expected);
+        self.next_tick = Some(record.tick + 1);
+        let twin = self.twin.as_mut();
+        if twin.is_some_and(|twin| twin.tick(&record).is_err()) {
+            // Inputs are missing: there is no state until the next keyframe.
+            self.twin = None;
+        }
+        match &self.twin {
+            Some(twin) => {
+                check(&record, twin)?;
+                self.last = Some(record);
+            }
+            None => self.passed_over += 1,
+        }
+        Ok(self.last())
+    }
+
+    /// The last tick, and the controller after it; `None` where that is not known.
+    pub fn last(&self) -> Option<(&TickRecord, &Twin)> {
+        Some((self.last.as_deref()?, self.twin.as_ref()?))
+    }
+
+    /// Ticks so far, from the first one on, that the twin did not run: they are not in the
+    /// recording, or their inputs are not.
+    pub fn passed_over(&self) -> u64 {
+        let next_tick = self.next_tick.unwrap_or(self.after_hole);
+        self.passed_over + self.after_hole.saturating_sub(next_tick)
     }
 }
 
@@ -233,7 +278,7 @@ pub(super) fn files_of(first: &Path) -> Vec<PathBuf> {
         keep_bytes: 0,
         owns_folder: false,
     };
-    let numbers = 1..=last_number(&place).unwrap_or(0);
+    let numbers = numbers_of(&place).into_iter();
     let later = numbers.map(|number| place.path(number));
     let later = later.filter(|path| path.is_file());
     let mut files: Vec<PathBuf> = later.collect();
@@ -244,15 +289,46 @@ pub(super) fn files_of(first: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// The number of a recording's last file, from the names in its folder.
-fn last_number(place: &RecordingPlace) -> Option<u32> {
+/// The numbers of a recording's later files, from the names in its folder: what lies beside it may
+/// have any number, so those before it are not looked for.
+fn numbers_of(place: &RecordingPlace) -> BTreeSet<u32> {
     let folder = place.first.parent().filter(|of| !of.as_os_str().is_empty());
-    let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
-    let names = entries.filter_map(|entry| Some(entry.ok()?.path()));
+    let entries = std::fs::read_dir(folder.unwrap_or(Path::new(".")));
+    let names = entries.into_iter().flatten();
+    let names = names.filter_map(|entry| Some(entry.ok()?.path()));
     let numbers = names.filter_map(|path| {
         let (_, number) = path.file_stem()?.to_str()?.rsplit_once('-')?;
         let number = number.parse().ok()?;
-        (place.path(number).file_name() == path.file_name()).then_some(number)
+        let is_later = number > 0 && place.path(number).file_name() == path.file_name();
+        is_later.then_some(number)
     });
-    numbers.max()
+    numbers.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A look at every number before it would take hours.
+    #[test]
+    fn a_file_with_a_large_number_beside_is_one_file_more() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name| folder.path().join(name);
+        let files = [
+            "run.mcap",
+            "run-0002.mcap",
+            "run-10000.mcap",
+            "run-4000000000.mcap",
+        ];
+        let others = [
+            "run-0000.mcap",
+            "run-2.mcap",
+            "run-4000000001.txt",
+            "walk-0003.mcap",
+        ];
+        for name in files.into_iter().chain(others) {
+            std::fs::write(path(name), "").unwrap();
+        }
+        assert_eq!(files_of(&path("run.mcap")), files.map(path));
+    }
 }

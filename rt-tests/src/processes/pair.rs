@@ -10,7 +10,7 @@ use hrtc::result::{Finished, Status, SupervisedLine};
 use hrtc::run::tick_core;
 use realtime::rights::monotonic_ns;
 use scene::ScenePlan;
-use scene_args::OverrideArgs;
+use scene_args::{OverrideArgs, typed_path};
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -175,14 +175,7 @@ impl Processes {
         let mut controller_arguments = role("role-hrtc");
         controller_arguments.push(format!("--seconds={}", args.seconds).into());
         controller_arguments.push(format!("--started-ns={started}").into());
-        if let Some(record) = record {
-            controller_arguments.push("--record".into());
-            controller_arguments.push(record.into());
-        }
-        if let Some(device) = args.device {
-            controller_arguments.push("--device".into());
-            controller_arguments.push(device.into());
-        }
+        controller_arguments.extend(typed_files(record, args.device));
         controller_arguments.extend(scene);
         let station = Process::start("station", &station_arguments, core, &sender)?;
         let controller = Process::start("controller", &controller_arguments, core, &sender)?;
@@ -278,6 +271,13 @@ impl Processes {
     }
 }
 
+/// The controller's options that name a file.
+fn typed_files(record: Option<&Path>, device: Option<&Path>) -> Vec<OsString> {
+    let record = record.map(|path| typed_path("record", path));
+    let device = device.map(|path| typed_path("device", path));
+    record.into_iter().chain(device).collect()
+}
+
 fn is_not_finite(finished: &Finished) -> bool {
     !finished.result.non_finite.is_empty()
 }
@@ -296,7 +296,28 @@ fn take(event: Event, finished: &mut Option<Finished>, show: &mut dyn FnMut(Show
 
 #[cfg(test)]
 mod tests {
+    use super::super::roles::ControllerArgs;
     use super::*;
+    use clap::Parser;
+
+    #[derive(Debug, Parser)]
+    struct Role {
+        #[command(flatten)]
+        args: ControllerArgs,
+    }
+
+    #[test]
+    fn files_whose_names_begin_with_a_hyphen_reach_the_controller() {
+        let (record, device) = (Path::new("-r.mcap"), Path::new("--seconds"));
+        let head = ["role", "--domain=d", "--seconds=1", "--started-ns=1"].map(OsString::from);
+        let scene = ["--", "-s.toml"].map(OsString::from);
+        let files = typed_files(Some(record), Some(device));
+        let typed = head.into_iter().chain(files).chain(scene);
+        let read = Role::try_parse_from(typed).unwrap().args;
+        assert_eq!(read.record.as_deref(), Some(record));
+        assert_eq!(read.device.as_deref(), Some(device));
+        assert_eq!(typed_files(None, None), Vec::<OsString>::new());
+    }
 
     #[test]
     fn a_disturbed_run_is_no_measure_and_one_that_ended_on_request_is_not_disturbed() {

@@ -1,5 +1,6 @@
 //! The flight recorder: what is recorded replays, from whatever is left of it.
 
+mod follower;
 mod pictures;
 mod slow_disk;
 #[cfg(feature = "view")]

@@ -104,8 +104,10 @@ fn files_of_an_earlier_run_beside_are_not_shown() {
     earlier.head.setup.incarnation += 1;
     let files = earlier.record(place(folder.path(), 6 << 20), None);
     assert!(files.len() > 1, "{files:?}");
-    let another_build = folder.path().join("run-0099.mcap");
-    std::fs::write(another_build, "not a recording of this one").unwrap();
+    for another_build in ["run-0099.mcap", "run-4000000000.mcap"] {
+        let path = folder.path().join(another_build);
+        std::fs::write(path, "not a recording of this one").unwrap();
+    }
     let world = World::run(folder.path(), name, text, 400);
     assert_eq!(world.record(place(folder.path(), 1 << 30), None).len(), 1);
     let playback = Playback::open(&folder.path().join("run.mcap")).unwrap();

@@ -27,8 +27,15 @@ pub fn view(recording: &Path, target: &str) -> Result<(), Failure> {
         0 => String::new(),
         count => format!(" ({} more left out to bound its size)", grouped(count)),
     };
+    let passed_over = match sent.passed_over {
+        0 => String::new(),
+        count => format!(
+            "; {} more cannot be shown, since they or their inputs are not in the recording",
+            grouped(count)
+        ),
+    };
     print(&format!(
-        "{:.2} s in {target}: {} pictures{left_out}; each of {} ticks gave the controller's outputs again\n",
+        "{:.2} s in {target}: {} pictures{left_out}; each of {} ticks gave the controller's outputs again{passed_over}\n",
         sent.seconds,
         grouped(sent.frames),
         grouped(sent.ticks),

@@ -29,19 +29,20 @@
 //! | `touch/axes/...` | the strongest touch from near, its normal upwards |
 //! | `plots/...` | the worst of each hundredth of a second |
 
-mod follower;
 mod layout;
-mod pace;
 mod series;
 mod shapes;
 mod space;
 mod touch;
 
+use super::course::{Screen, Sent, send};
+use super::follower::Follower;
+use super::pace::Medium;
 use crate::failure::Failure;
-use crate::processes::stop::is_set;
-use follower::{Follower, LOOK, Reach};
-use pace::{Medium, Pace};
+use hrtc::recorder::Twin;
+use hrtc::tick_record::TickRecord;
 use rerun::{RecordingStream, RecordingStreamBuilder, RecordingStreamError, SpawnOptions};
+use scene::ScenePlan;
 use series::Series;
 use space::Space;
 use std::path::Path;
@@ -58,19 +59,6 @@ const TOUCH: &str = "touch";
 /// Time that a viewer has to start and to answer, many times what it takes.
 const ANSWER: Duration = Duration::from_secs(20);
 
-/// What was sent.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sent {
-    /// Time of the last tick, seconds of the run.
-    pub seconds: f64,
-    /// Ticks whose replay equals the controller's.
-    pub ticks: u64,
-    /// Pictures of space.
-    pub frames: u64,
-    /// Pictures of space that were left out, so that the file stays bounded.
-    pub left_out: u64,
-}
-
 /// Sends a recording to its end, or behind the run that writes it until that ends or `stop` is set.
 /// The target is a file, or the address of a viewer (`rerun+http://...`), or `viewer` for one on
 /// this machine, which is started where none listens.
@@ -82,11 +70,9 @@ pub fn show(
     recording: &Path,
     target: &str,
     stop: &AtomicBool,
-    mut told: impl FnMut(f64),
+    told: impl FnMut(f64),
 ) -> Result<Sent, Failure> {
-    let failed = |error: RecordingStreamError| {
-        Failure::Run(format!("{target}: rerun cannot write there ({error})"))
-    };
+    let failed = |error: RecordingStreamError| refused(target, &error);
     let mut follower = Follower::open(recording)?;
     let (stream, medium) = open(target).map_err(failed)?;
     layout::send(&stream, None).map_err(failed)?;
@@ -95,45 +81,63 @@ pub fn show(
         std::mem::forget(stream);
         return Err(Failure::Run(format!("{target}: nothing listens ({error})")));
     }
-    let mut space = Space::new(&follower.plan, follower.force_max_n);
-    let mut series = Series::new(&stream).map_err(failed)?;
-    let mut pace = Pace::new(medium);
-    let (mut seconds, mut ticks, mut has_eye) = (0.0, 0, false);
-    loop {
-        let reach = follower.read(|plan, record, twin| {
-            (seconds, ticks) = (record.tick as f64 / plan.loop_.rate_hz, ticks + 1);
-            series.take(record);
-            if pace.is_point_due(seconds) {
-                series.send(&stream, seconds).map_err(failed)?;
-            }
-            if pace.is_frame_due(seconds) {
-                let bytes = space.show(&stream, plan, record, twin);
-                pace.sent(bytes.map_err(failed)?);
-                if space.eye.is_some() && !has_eye {
-                    has_eye = true;
-                    layout::send(&stream, space.eye).map_err(failed)?;
-                }
-                told(seconds);
-            }
-            Ok(())
-        })?;
-        if reach == Reach::End || is_set(stop) {
-            break;
-        }
-        std::thread::sleep(LOOK);
-    }
-    if ticks == 0 {
+    let mut screen = Rerun {
+        target,
+        stream: &stream,
+        space: Space::new(&follower.plan, follower.force_max_n),
+        series: Series::new(&stream).map_err(failed)?,
+        has_eye: false,
+    };
+    let sent = send(&mut follower, medium, &mut screen, stop, told)?;
+    if sent.ticks == 0 {
         let name = recording.display();
         return Err(Failure::Input(format!("{name}: there is no tick in it")));
     }
     let flushed = stream.flush_blocking();
     flushed.map_err(|error| Failure::Run(format!("{target}: {error}")))?;
-    Ok(Sent {
-        seconds,
-        ticks,
-        frames: pace.frames,
-        left_out: pace.left_out,
-    })
+    Ok(sent)
+}
+
+/// The viewer, or a file for it.
+struct Rerun<'a> {
+    /// As the user named it.
+    target: &'a str,
+    stream: &'a RecordingStream,
+    space: Space,
+    series: Series,
+    /// Whether the layout has the eye of the first touch.
+    has_eye: bool,
+}
+
+impl Screen for Rerun<'_> {
+    fn take(&mut self, record: &TickRecord) {
+        self.series.take(record);
+    }
+
+    fn point(&mut self, seconds: f64) -> Result<(), Failure> {
+        let sent = self.series.send(self.stream, seconds);
+        sent.map_err(|error| refused(self.target, &error))
+    }
+
+    fn frame(
+        &mut self,
+        plan: &ScenePlan,
+        record: &TickRecord,
+        twin: &Twin,
+    ) -> Result<usize, Failure> {
+        let failed = |error: RecordingStreamError| refused(self.target, &error);
+        let bytes = self.space.show(self.stream, plan, record, twin);
+        let bytes = bytes.map_err(failed)?;
+        if self.space.eye.is_some() && !self.has_eye {
+            self.has_eye = true;
+            layout::send(self.stream, self.space.eye).map_err(failed)?;
+        }
+        Ok(bytes)
+    }
+}
+
+fn refused(target: &str, error: &RecordingStreamError) -> Failure {
+    Failure::Run(format!("{target}: rerun cannot write there ({error})"))
 }
 
 fn open(target: &str) -> Result<(RecordingStream, Medium), RecordingStreamError> {

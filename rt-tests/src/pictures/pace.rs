@@ -23,11 +23,14 @@ pub enum Medium {
     Stream,
 }
 
-/// When the next picture of space and the next point of the curves are due.
+/// When the next picture of space and the next point of the curves are due. All times count from
+/// the first one shown: of a long run the recording has its last minutes only.
 #[derive(Debug)]
 pub struct Pace {
     medium: Medium,
-    /// Seconds of the run.
+    /// The first time shown, seconds of the run.
+    first_s: Option<f64>,
+    /// Seconds since then.
     next_frame_s: f64,
     next_point_s: f64,
     /// Bytes of space sent so far.
@@ -44,6 +47,7 @@ impl Pace {
     pub fn new(medium: Medium) -> Self {
         Self {
             medium,
+            first_s: None,
             next_frame_s: 0.0,
             next_point_s: 0.0,
             bytes: 0.0,
@@ -54,6 +58,7 @@ impl Pace {
 
     /// Whether space is shown at this time of the run, seconds.
     pub fn is_frame_due(&mut self, seconds: f64) -> bool {
+        let seconds = self.since_first(seconds);
         if seconds < self.next_frame_s {
             return false;
         }
@@ -65,6 +70,7 @@ impl Pace {
 
     /// Whether the curves get a point at this time of the run, seconds.
     pub fn is_point_due(&mut self, seconds: f64) -> bool {
+        let seconds = self.since_first(seconds);
         if seconds < self.next_point_s {
             return false;
         }
@@ -82,7 +88,12 @@ impl Pace {
         self.frames += 1;
     }
 
-    /// Bytes that may be sent up to a time of the run.
+    /// Seconds from the first time shown to this one.
+    fn since_first(&mut self, seconds: f64) -> f64 {
+        seconds - *self.first_s.get_or_insert(seconds)
+    }
+
+    /// Bytes that may be sent up to a time, seconds since the first one shown.
     fn allowed(&self, seconds: f64) -> f64 {
         match self.medium {
             Medium::File => FILE_BYTES * seconds / (seconds + HALF_FILE_S),
@@ -94,6 +105,26 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_last_minutes_of_a_day_are_shown_as_closely_as_the_first() {
+        const FRAME: usize = 500_000;
+        const RATE_HZ: u64 = 1000;
+        for begin in [0, 86_160] {
+            let mut pace = Pace::new(Medium::File);
+            let (mut points, mut last_frame_s) = (0u32, 0.0);
+            for tick in begin * RATE_HZ..(begin + 240) * RATE_HZ {
+                let seconds = tick as f64 / RATE_HZ as f64;
+                points += u32::from(pace.is_point_due(seconds));
+                if pace.is_frame_due(seconds) {
+                    pace.sent(FRAME);
+                    last_frame_s = seconds - begin as f64;
+                }
+            }
+            assert!(points > 1000, "{points} points from {begin} s on");
+            assert!(last_frame_s > 230.0, "{last_frame_s} s from {begin} s on");
+        }
+    }
 
     #[test]
     fn a_file_of_a_day_is_bounded_and_a_stream_goes_on() {

@@ -1,9 +1,10 @@
 //! A recording that is read while it is written: the controller behind the run.
 
-use super::super::playback::{FedTwin, files_of, input};
+use super::playback::{FedTwin, files_of, input};
 use crate::failure::Failure;
 use hrtc::recorder::{RecordingError, RecordingReader, Twin};
 use hrtc::tick_record::TickRecord;
+use hrtc::tuning::RECORDING_RETRY_NS;
 use scene::ScenePlan;
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -11,9 +12,9 @@ use std::time::{Duration, Instant};
 
 /// Longest record that is read of a file, bytes: a greater length is a damaged one.
 const RECORD_BYTES: u64 = u32::MAX as u64;
-/// Files that nobody has locked for so long are written no more; between two files of a run none is
-/// locked for some milliseconds.
-const UNLOCKED: Duration = Duration::from_secs(1);
+/// Files that nobody has locked for so long are written no more. Between two files of a run none is
+/// locked for some milliseconds, and after a disk that refused until it is tried again.
+const UNLOCKED: Duration = Duration::from_nanos(RECORDING_RETRY_NS + 1_000_000_000);
 
 /// Time between two looks at a recording: as long as between two of its frames.
 pub const LOOK: Duration = Duration::from_millis(50);
@@ -83,17 +84,46 @@ impl Follower {
         mut visit: impl FnMut(&ScenePlan, &TickRecord, &Twin) -> Result<(), Failure>,
     ) -> Result<Reach, Failure> {
         // Looked at first: what was written before the lock went is read below.
-        let is_over = self.is_left();
+        let mut is_over = self.is_left();
         loop {
-            while let Some(entry) = self.reader.next() {
-                if let Some((record, twin)) = self.fed.take(entry)? {
-                    visit(&self.plan, &record, twin)?;
-                }
-            }
-            if !self.begin_later_file()? {
+            self.read_file(&mut visit)?;
+            let Some((path, reader)) = self.later_file() else {
                 return Ok(if is_over { Reach::End } else { Reach::Now });
+            };
+            // The recorder closes a file before it begins the next one, so all that there will be
+            // of this one is there by now. After a disk that refused it has no end of its own.
+            self.read_file(&mut visit)?;
+            self.fed.begin(&reader)?;
+            (self.path, self.reader, self.unlocked) = (path, reader, None);
+            // That was about the file before.
+            is_over = false;
+        }
+    }
+
+    /// The last tick that was read, and the controller after it; `None` where that is not known.
+    #[must_use]
+    pub fn last(&self) -> Option<(&TickRecord, &Twin)> {
+        self.fed.last()
+    }
+
+    /// Ticks so far, from the first one on, that were not given: they are not in the recording, or
+    /// their inputs are not.
+    #[must_use]
+    pub fn passed_over(&self) -> u64 {
+        self.fed.passed_over()
+    }
+
+    /// Reads the present file as far as it is there.
+    fn read_file(
+        &mut self,
+        visit: &mut impl FnMut(&ScenePlan, &TickRecord, &Twin) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        for entry in self.reader.by_ref() {
+            if let Some((record, twin)) = self.fed.take(entry)? {
+                visit(&self.plan, record, twin)?;
             }
         }
+        Ok(())
     }
 
     /// Whether nobody writes any more.
@@ -104,25 +134,20 @@ impl Follower {
         is_free && since.elapsed() >= UNLOCKED
     }
 
-    /// Goes on to the next file of the same run, once this one is whole and that is there.
-    fn begin_later_file(&mut self) -> Result<bool, Failure> {
-        if !self.reader.is_whole() {
-            return Ok(false);
+    /// The next file of the same run, once this one is whole or written no more and that is there.
+    fn later_file(&self) -> Option<(PathBuf, RecordingReader)> {
+        if !self.reader.is_whole() && self.unlocked.is_none() {
+            return None;
         }
         let now = self.reader.head();
-        for path in files_of(&self.first) {
+        files_of(&self.first).into_iter().find_map(|path| {
             // Its head may not be written yet.
-            let Ok(reader) = open(&path) else { continue };
+            let reader = open(&path).ok()?;
             let head = reader.head();
             // Files of an earlier run may lie beside.
             let is_ours = head.setup.incarnation == now.setup.incarnation;
-            if is_ours && head.segment > now.segment {
-                self.fed.begin(&reader)?;
-                (self.path, self.reader, self.unlocked) = (path, reader, None);
-                return Ok(true);
-            }
-        }
-        Ok(false)
+            (is_ours && head.segment > now.segment).then_some((path, reader))
+        })
     }
 }
 
