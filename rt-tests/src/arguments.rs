@@ -81,8 +81,8 @@ pub enum Command {
     Simulate(SimulateArgs),
     /// Show what each effect of a scene costs a tick, and that one that is not listed costs nothing
     Effects(EffectsArgs),
-    /// Find how stiff a wall a loop with this machine's period can render: simulated bounces, and
-    /// theory beside them
+    /// Find how stiff a wall a loop with this machine's period can render: long simulated
+    /// touches, and theory beside them
     Zwidth(ZwidthArgs),
     /// Find the settings of a scene that keep a limit of error, time, bytes or memory on this
     /// machine; status 1 when there are none

@@ -82,3 +82,53 @@ pub fn prepare_models(plan: &ScenePlan) -> Result<Database, Failure> {
     progress.finish();
     opened.map_err(|error| Failure::Input(error.to_string()))
 }
+
+/// A path as a string of a scene file. Rust's own quoting escapes what TOML does not know.
+///
+/// # Errors
+/// When it is not UTF-8, which TOML is.
+pub fn path_in_toml(path: &Path) -> Result<String, Failure> {
+    let text = path.to_str().ok_or_else(|| {
+        Failure::Input(format!(
+            "{}: no scene can name this path, which is not UTF-8: rename it",
+            path.display()
+        ))
+    })?;
+    Ok(toml::Value::from(text).to_string())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::ffi::OsStr;
+    use std::os::unix::ffi::OsStrExt;
+
+    #[test]
+    fn any_path_that_is_utf8_is_read_from_a_scene_as_it_was_written() {
+        for name in [
+            "plain.obj",
+            "cafe\u{301}.obj",
+            "\u{2764}\u{fe0f}.obj",
+            "a \"quoted\" name.obj",
+            "back\\slash \\u0041.obj",
+            "tab\tline\n\u{1}\u{7f}\u{85}.obj",
+        ] {
+            let path = Path::new("/models").join(name);
+            let quoted = path_in_toml(&path).expect("it is UTF-8");
+            let text = format!("model = {quoted}\nsize_m = 0.3\n");
+            let table: toml::Table = text.parse().unwrap_or_else(|error| panic!("{error}"));
+            let read = table["model"].as_str();
+            assert_eq!(read.map(Path::new), Some(path.as_path()));
+        }
+    }
+
+    #[test]
+    fn a_path_that_is_not_utf8_is_refused_by_name() {
+        let refused = path_in_toml(Path::new(OsStr::from_bytes(b"/models/b\xffd.obj")));
+        let said = refused.expect_err("TOML is UTF-8").to_string();
+        assert!(
+            said.contains("/models/b") && said.contains("UTF-8"),
+            "{said}"
+        );
+    }
+}

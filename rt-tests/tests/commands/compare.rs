@@ -101,3 +101,23 @@ fn a_missing_file_is_one_sentence_with_status_2() {
     let sentence = refusal(&output);
     assert!(sentence.contains("nowhere.obj"), "{sentence}");
 }
+
+#[test]
+fn a_name_that_is_none_is_refused_before_another_model_is_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (second, named) in [
+        ("nowhere.obj", "nowhere.obj"),
+        ("relief:many", "relief:20000"),
+    ] {
+        let output = compare(&["relief:3000", second], &out);
+        let sentence = refusal(&output);
+        assert!(sentence.contains(named), "{sentence}");
+        let said = said(&output);
+        assert!(
+            !said.contains("building") && !said.contains("measuring"),
+            "{said}"
+        );
+        assert!(!out.exists(), "not even an empty folder");
+    }
+}

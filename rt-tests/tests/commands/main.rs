@@ -4,6 +4,7 @@ mod accuracy;
 mod compare;
 mod effects;
 mod fronts;
+mod interrupted;
 mod predictors;
 mod stability;
 mod stability_peers;

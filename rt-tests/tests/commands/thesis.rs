@@ -2,6 +2,8 @@
 
 use crate::typed::{json, number, refusal, rt_tests, said};
 use serde_json::Value;
+use spm_builder::generate::{Shape, generate};
+use spm_builder::write_mesh;
 use std::path::Path;
 
 fn thesis(out: &Path, more: &[&str]) -> Value {
@@ -65,6 +67,32 @@ fn every_figure_is_measured_beside_what_is_published() {
     assert_eq!(evicted[1..], [0.0, 0.0], "with room nothing is evicted");
     let page = std::fs::read_to_string(folder.path().join("thesis.html")).unwrap();
     assert!(page.contains("Figure 5.20") && page.contains("<svg"));
+}
+
+#[test]
+fn a_file_is_taken_for_what_its_name_says_and_none_is_dropped() {
+    let folder = tempfile::tempdir().unwrap();
+    let names = ["hemisphere.obj", "cow-left.obj", "cow-right.obj"];
+    let paths = names.map(|name| folder.path().join(name));
+    for (path, faces) in paths.iter().zip([600, 600, 5000]) {
+        write_mesh(&generate(Shape::Relief, faces, 1), path).unwrap();
+    }
+    let mut command = rt_tests("thesis");
+    command
+        .args(&paths)
+        .args(["--figure", "table4.1", "--json"]);
+    let output = command.arg("--out").arg(folder.path()).output().unwrap();
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(0), "{said}");
+    let expected = ["sphere", "cow", "hemisphere.obj", "cow-left.obj"];
+    assert_eq!(json(&output)["models"], serde_json::json!(expected));
+    for line in [
+        format!("cow of Table 4.1: {}", paths[2].display()),
+        format!("not of Table 4.1: {}", paths[0].display()),
+        format!("not of Table 4.1: {}", paths[1].display()),
+    ] {
+        assert!(said.contains(&line), "{line}: {said}");
+    }
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! The settings beside the tolerance, each turned alone from the product's defaults.
 
+use super::check_stop;
 use super::result::{Knob, Point};
 use crate::failure::{Chosen, Failure};
 use crate::models::source::shape_soup;
@@ -19,6 +20,7 @@ use spm::write_spm;
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, is_mesh_file, read_mesh};
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Cells of the grid, in those of the default.
 const GRIDS: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
@@ -126,8 +128,12 @@ pub fn accuracy_setting(plan: &AccuracyPlan) -> String {
 /// All knobs of a model; built models go into the folder.
 ///
 /// # Errors
-/// When the model cannot be built with another grid or base mesh.
-pub fn families(model: &SceneModel, folder: &Path) -> Result<Vec<Family>, Failure> {
+/// When the model cannot be built with another grid or base mesh, or the command is to end.
+pub fn families(
+    model: &SceneModel,
+    folder: &Path,
+    stop: &AtomicBool,
+) -> Result<Vec<Family>, Failure> {
     let same = |variants| Family {
         variants,
         touch: None,
@@ -140,8 +146,13 @@ pub fn families(model: &SceneModel, folder: &Path) -> Result<Vec<Family>, Failur
         same(geomorphs(model)),
     ];
     if let Some(mesh) = soup(model)? {
-        all.insert(0, same(grids(model, &mesh, folder)?));
-        all.insert(1, same(base_meshes(model, &mesh, folder)?));
+        let builds = Builds {
+            mesh: &mesh,
+            folder,
+            stop,
+        };
+        all.insert(0, same(grids(model, &builds)?));
+        all.insert(1, same(base_meshes(model, &builds)?));
     }
     all.extend(rates(model));
     all.extend(effects(model)?);
@@ -180,17 +191,29 @@ fn soup(model: &SceneModel) -> Result<Option<SoupMesh>, Failure> {
     }
 }
 
-/// Builds the model anew; the file's source.
-fn build(mesh: &SoupMesh, options: &BuildOptions, path: &Path) -> Result<ModelSource, Failure> {
-    let failed = |error: &dyn std::fmt::Display| Failure::Run(format!("a build: {error}"));
-    let parts = build_model(mesh.clone(), options, &NoProgress).map_err(|error| failed(&error))?;
-    let mut bytes = Vec::new();
-    write_spm(&parts, &mut bytes).map_err(|error| failed(&error))?;
-    write_whole_at(Chosen::Temporary, path, &bytes)?;
-    Ok(ModelSource::File(path.to_path_buf()))
+/// How the model is built anew.
+struct Builds<'a> {
+    mesh: &'a SoupMesh,
+    folder: &'a Path,
+    stop: &'a AtomicBool,
 }
 
-fn grids(model: &SceneModel, mesh: &SoupMesh, folder: &Path) -> Result<Vec<Variant>, Failure> {
+impl Builds<'_> {
+    /// Builds it; the file's source.
+    fn build(&self, options: &BuildOptions, name: &str) -> Result<ModelSource, Failure> {
+        check_stop(self.stop)?;
+        let failed = |error: &dyn std::fmt::Display| Failure::Run(format!("a build: {error}"));
+        let mesh = self.mesh.clone();
+        let parts = build_model(mesh, options, &NoProgress).map_err(|error| failed(&error))?;
+        let mut bytes = Vec::new();
+        write_spm(&parts, &mut bytes).map_err(|error| failed(&error))?;
+        let path = self.folder.join(name);
+        write_whole_at(Chosen::Temporary, &path, &bytes)?;
+        Ok(ModelSource::File(path))
+    }
+}
+
+fn grids(model: &SceneModel, builds: &Builds<'_>) -> Result<Vec<Variant>, Failure> {
     let divisions = f64::from(model.mesh.file.model_header().grid.divisions);
     let mut variants = Vec::new();
     for cells in GRIDS.map(|share| (share * divisions) as u32) {
@@ -201,7 +224,7 @@ fn grids(model: &SceneModel, mesh: &SoupMesh, folder: &Path) -> Result<Vec<Varia
             regions: Some(cells),
             ..BuildOptions::default()
         };
-        let source = build(mesh, &options, &folder.join(format!("grid-{cells}.spm")))?;
+        let source = builds.build(&options, &format!("grid-{cells}.spm"))?;
         let setting = format!("no key of a scene: ve-station build --regions {cells}");
         let knob = (Knob::Grid, f64::from(cells));
         variants.push(variant(
@@ -217,11 +240,7 @@ fn grids(model: &SceneModel, mesh: &SoupMesh, folder: &Path) -> Result<Vec<Varia
     Ok(variants)
 }
 
-fn base_meshes(
-    model: &SceneModel,
-    mesh: &SoupMesh,
-    folder: &Path,
-) -> Result<Vec<Variant>, Failure> {
+fn base_meshes(model: &SceneModel, builds: &Builds<'_>) -> Result<Vec<Variant>, Failure> {
     let most = model.mesh.file.model_header().faces / 4;
     let mut variants = Vec::new();
     for faces in BASE_FACES.into_iter().filter(|&faces| faces <= most) {
@@ -229,7 +248,7 @@ fn base_meshes(
             base_faces: Some(faces),
             ..BuildOptions::default()
         };
-        let source = build(mesh, &options, &folder.join(format!("base-{faces}.spm")))?;
+        let source = builds.build(&options, &format!("base-{faces}.spm"))?;
         let label = format!("{} faces", grouped(faces.into()));
         let setting = format!("no key of a scene: ve-station build --base-faces {faces}");
         let knob = (Knob::BaseMesh, f64::from(faces));
@@ -426,4 +445,31 @@ fn tools(model: &SceneModel) -> Result<Vec<Family>, Failure> {
     let touch = variants.first().map(|variant| variant.plan.clone());
     let stepped = Family { variants, touch };
     Ok(faces.into_iter().chain([stepped]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spm_builder::generate::{Shape, generate};
+
+    #[test]
+    fn nothing_is_built_once_the_command_is_to_end() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mesh = generate(Shape::Relief, 1000, 1);
+        let built = |is_to_end: bool| {
+            let builds = Builds {
+                mesh: &mesh,
+                folder: folder.path(),
+                stop: &AtomicBool::new(is_to_end),
+            };
+            builds.build(&BuildOptions::default(), "grid-1.spm")
+        };
+        let path = folder.path().join("grid-1.spm");
+        assert_eq!(
+            built(true).err(),
+            Some(Failure::Run("ended on request".to_string()))
+        );
+        assert!(!path.exists());
+        assert!(built(false).is_ok() && path.is_file());
+    }
 }

@@ -28,6 +28,7 @@ pub use result::{Accuracy, Bytes, Check, FASTER, Knob, Point, StageQuantiles, St
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::models::source::typed_or;
+use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{make_folder, print_either, status_line, write_json, write_whole};
 use crate::scenes::check_seconds;
 use crate::trajectory::reference::Reference;
@@ -41,6 +42,7 @@ use scene::{AccuracyPlan, PolicyPlan, RefinementPlan};
 use spm::VspRecord;
 use spm::{BaseFace, BaseVertex, ModelHeader};
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 use tempfile::TempDir;
 
 /// What is measured when no model is named.
@@ -88,7 +90,8 @@ pub struct AccuracyArgs {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for bad input, 1 when a check fails.
+/// One sentence: status 2 for bad input, 1 when a check fails, or a model after others were
+/// measured.
 pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     if !(1e-4..=2.5).contains(&args.speed) {
@@ -97,29 +100,26 @@ pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
             args.speed
         )));
     }
-    // A bad model is refused before any is measured.
+    // A bad model is refused before any is measured. Nothing is temporary yet, so that a request
+    // to end still ends a long build at once.
     let mut models: Vec<SceneModel> = typed_or(&args.models, &DEFAULT_MODELS)
         .iter()
         .map(|typed| SceneModel::open(typed))
         .collect::<Result<_, _>>()?;
+    let stop = stop_flag()?;
     make_folder(&args.out)?;
-    let line = status_line();
-    let mut found = Accuracy {
-        seed: args.seed,
-        seconds: args.seconds,
-        size_m: SIZE_M,
-        speed_m_per_s: args.speed,
-        pass: false,
-        points: Vec::new(),
-        bytes: Vec::new(),
-        checks: Vec::new(),
+    let session = Session {
+        args,
+        line: status_line(),
+        stop: &stop,
     };
-    for model in &mut models {
+    let mut found = Accuracy::new(args.seed, args.seconds, SIZE_M, args.speed);
+    let ended = models.iter_mut().try_for_each(|model| {
         model.set_speed(args.speed);
-        study(model, args, &line, &mut found)?;
-    }
-    line.finish_and_clear();
-    found.pass = found.checks.iter().all(|check| check.pass);
+        session.study(model, &mut found)
+    });
+    session.line.finish_and_clear();
+    let found = found.ended(ended)?;
     let machine = Machine::read();
     let page = args.out.join("accuracy.html");
     write_whole(&page, page::page(&found, &machine).as_bytes())?;
@@ -137,120 +137,140 @@ pub fn accuracy(args: &AccuracyArgs) -> Result<(), Failure> {
         page.display()
     );
     print_either(args.json, &words, &found)?;
-    checks::judge(&found.checks)
+    found.judge()
 }
 
-/// Everything about one model.
-fn study(
-    model: &mut SceneModel,
-    args: &AccuracyArgs,
-    line: &ProgressBar,
-    found: &mut Accuracy,
-) -> Result<(), Failure> {
-    let name = model.mesh.name.clone();
-    line.set_message(format!("{name}: recording the trajectory on the full mesh"));
-    let reference = Reference::record(model, args.seed, args.seconds)?;
-    let mut measured = measure_all(model, &reference, settings(model), line)?;
-    line.set_message(format!(
-        "{name}: timing {} settings in turns",
-        measured.len()
-    ));
-    timing::time(&mut measured)?;
-    measured.extend(others(model, args, &reference, line)?);
-    let mut points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
-    line.set_message(format!("{name}: queries in 32 and 64 bits"));
-    points.extend(queries::precision(model, &reference)?);
-    for point in &mut points {
-        point.speed_m_per_s = args.speed;
+/// What the models share.
+struct Session<'a> {
+    args: &'a AccuracyArgs,
+    line: ProgressBar,
+    stop: &'a AtomicBool,
+}
+
+impl Session<'_> {
+    /// Begins a step and says which.
+    ///
+    /// # Errors
+    /// When the command is to end.
+    fn begin(&self, model: &SceneModel, step: &str) -> Result<(), Failure> {
+        check_stop(self.stop)?;
+        let name = &model.mesh.name;
+        self.line.set_message(format!("{name}: {step}"));
+        Ok(())
     }
-    let faster = faster(model, args, line)?.into_iter();
-    points.extend(faster.map(|setting| setting.point));
-    for point in &mut points {
-        point.model_place = found.bytes.len();
-    }
-    let checks = checks::checks(model, &reference, &points);
-    found.checks.extend(checks);
-    found.bytes.push(bytes(model, &points));
-    found.points.extend(points);
-    Ok(())
-}
 
-/// The errors of some settings, several at once: no time is taken here.
-fn measure_all(
-    model: &SceneModel,
-    reference: &Reference,
-    variants: Vec<Variant>,
-    line: &ProgressBar,
-) -> Result<Vec<Measured>, Failure> {
-    let name = &model.mesh.name;
-    variants
-        .into_par_iter()
-        .map(|variant| {
-            let knob = variant.point.knob.name();
-            line.set_message(format!("{name}: errors by {knob}"));
-            measure::measure(model, reference, variant)
-        })
-        .collect()
-}
-
-/// The knobs beside the tolerance that are measured on the common touch, under a faster hand.
-fn faster(
-    model: &mut SceneModel,
-    args: &AccuracyArgs,
-    line: &ProgressBar,
-) -> Result<Vec<Measured>, Failure> {
-    let speed = FASTER * args.speed;
-    model.set_speed(speed);
-    let found = Reference::record(model, args.seed, args.seconds).and_then(|reference| {
-        let folder = temporary()?;
-        let families = knobs::families(model, folder.path())?.into_iter();
-        let same = families.filter(|family| family.touch.is_none());
-        let variants = same.flat_map(|family| family.variants).collect();
-        let mut measured = measure_all(model, &reference, variants, line)?;
-        line.set_message(format!("{}: timing under a faster hand", model.mesh.name));
+    /// Everything about one model.
+    fn study(&self, model: &mut SceneModel, found: &mut Accuracy) -> Result<(), Failure> {
+        self.begin(model, "recording the trajectory on the full mesh")?;
+        let reference = Reference::record(model, self.args.seed, self.args.seconds)?;
+        let mut measured = self.measure_all(model, &reference, settings(model))?;
+        let count = measured.len();
+        self.begin(model, &format!("timing {count} settings in turns"))?;
         timing::time(&mut measured)?;
-        Ok(measured)
-    });
-    model.set_speed(args.speed);
-    let mut found = found?;
-    for setting in &mut found {
-        setting.point.speed_m_per_s = speed;
+        measured.extend(self.others(model, &reference)?);
+        let mut points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
+        self.begin(model, "queries in 32 and 64 bits")?;
+        points.extend(queries::precision(model, &reference)?);
+        for point in &mut points {
+            point.speed_m_per_s = self.args.speed;
+        }
+        let faster = self.faster(model)?.into_iter();
+        points.extend(faster.map(|setting| setting.point));
+        for point in &mut points {
+            point.model_place = found.bytes.len();
+        }
+        let checks = checks::checks(model, &reference, &points);
+        found.checks.extend(checks);
+        found.bytes.push(bytes(model, &points));
+        found.points.extend(points);
+        Ok(())
     }
-    Ok(found)
+
+    /// The errors of some settings, several at once: no time is taken here.
+    fn measure_all(
+        &self,
+        model: &SceneModel,
+        reference: &Reference,
+        variants: Vec<Variant>,
+    ) -> Result<Vec<Measured>, Failure> {
+        variants
+            .into_par_iter()
+            .map(|variant| {
+                let knob = variant.point.knob.name();
+                self.begin(model, &format!("errors by {knob}"))?;
+                measure::measure(model, reference, variant)
+            })
+            .collect()
+    }
+
+    /// The knobs beside the tolerance that are measured on the common touch, under a faster hand.
+    fn faster(&self, model: &mut SceneModel) -> Result<Vec<Measured>, Failure> {
+        let AccuracyArgs { seed, seconds, .. } = *self.args;
+        let speed = FASTER * self.args.speed;
+        model.set_speed(speed);
+        let found = self
+            .begin(model, "recording the trajectory of a faster hand")
+            .and_then(|()| Reference::record(model, seed, seconds))
+            .and_then(|reference| {
+                let folder = temporary()?;
+                let families = knobs::families(model, folder.path(), self.stop)?.into_iter();
+                let same = families.filter(|family| family.touch.is_none());
+                let variants = same.flat_map(|family| family.variants).collect();
+                let mut measured = self.measure_all(model, &reference, variants)?;
+                self.begin(model, "timing under a faster hand")?;
+                timing::time(&mut measured)?;
+                Ok(measured)
+            });
+        model.set_speed(self.args.speed);
+        let mut found = found?;
+        for setting in &mut found {
+            setting.point.speed_m_per_s = speed;
+        }
+        Ok(found)
+    }
+
+    /// The knobs beside the tolerance, those of one reference timed in turns.
+    fn others(
+        &self,
+        model: &mut SceneModel,
+        reference: &Reference,
+    ) -> Result<Vec<Measured>, Failure> {
+        let folder = temporary()?;
+        let families = knobs::families(model, folder.path(), self.stop)?;
+        let mut all = Vec::new();
+        for family in families {
+            let mut measured = match family.touch {
+                None => self.measure_all(model, reference, family.variants)?,
+                Some(plan) => {
+                    self.begin(model, "recording another touch on the full mesh")?;
+                    let own = std::mem::replace(&mut model.plan, plan);
+                    let found = Reference::record(model, self.args.seed, self.args.seconds)
+                        .and_then(|touch| self.measure_all(model, &touch, family.variants));
+                    model.plan = own;
+                    found?
+                }
+            };
+            self.begin(model, "timing")?;
+            timing::time(&mut measured)?;
+            all.extend(measured);
+        }
+        Ok(all)
+    }
+}
+
+/// # Errors
+/// When the command is to end: what was cut short is no measure.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(Failure::Run("ended on request".to_string()));
+    }
+    Ok(())
 }
 
 /// A folder for built models.
 fn temporary() -> Result<TempDir, Failure> {
     tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))
-}
-
-/// The knobs beside the tolerance, those of one reference timed in turns.
-fn others(
-    model: &mut SceneModel,
-    args: &AccuracyArgs,
-    reference: &Reference,
-    line: &ProgressBar,
-) -> Result<Vec<Measured>, Failure> {
-    let folder = temporary()?;
-    let families = knobs::families(model, folder.path())?;
-    let mut all = Vec::new();
-    for family in families {
-        let mut measured = match family.touch {
-            None => measure_all(model, reference, family.variants, line)?,
-            Some(plan) => {
-                let own = std::mem::replace(&mut model.plan, plan);
-                let found = Reference::record(model, args.seed, args.seconds)
-                    .and_then(|touch| measure_all(model, &touch, family.variants, line));
-                model.plan = own;
-                found?
-            }
-        };
-        line.set_message(format!("{}: timing", model.mesh.name));
-        timing::time(&mut measured)?;
-        all.extend(measured);
-    }
-    Ok(all)
 }
 
 /// The settings of a model, coarse to fine: what is asked for, and the scene that asks for it.

@@ -513,7 +513,6 @@ fn tables(html: &mut String, groups: &[Group<'_>]) {
 }
 
 fn checks(html: &mut String, found: &Accuracy) {
-    let held = found.checks.iter().filter(|check| check.pass).count();
     let mut table = Table::new(2, "check | model | worst | at most | verdict");
     for check in &found.checks {
         table.row([
@@ -521,14 +520,17 @@ fn checks(html: &mut String, found: &Accuracy) {
             check.model.clone(),
             format!("{:.1e}", check.worst),
             format!("{:.0e}", check.limit),
-            if check.pass { "holds" } else { "FAILS" }.to_string(),
+            check.verdict().to_string(),
         ]);
     }
+    let failed = found.failed.iter().map(|failed| escaped(failed));
+    let failed: String = failed.map(|failed| format!(" Failed: {failed}.")).collect();
     let _ = writeln!(
         html,
-        "<h2>Checks</h2>\n<p{}>{held} of {} hold.</p>\n<details><summary>each</summary>{}</details>",
+        "<h2>Checks</h2>\n<p{}>{}.{}</p>\n<details><summary>each</summary>{}</details>",
         if found.pass { "" } else { " class=\"bad\"" },
-        found.checks.len(),
+        found.held(),
+        failed,
         table.html()
     );
 }

@@ -1,5 +1,6 @@
 //! What comes out, as it lies in the JSON. Numbers only; lengths in metres, times as named.
 
+use crate::failure::Failure;
 use crate::report::quantile::Quantiles;
 use hrtc::tick_record::STAGES;
 use serde::Serialize;
@@ -312,6 +313,20 @@ pub struct Check {
     pub worst: f64,
     /// What it may be at the most.
     pub limit: f64,
+    /// Whether there was something to compare: of nothing it passes, but says nothing.
+    pub compared: bool,
+}
+
+impl Check {
+    /// What came of it, in a word or three.
+    #[must_use]
+    pub fn verdict(&self) -> &'static str {
+        match (self.pass, self.compared) {
+            (false, _) => "FAILS",
+            (true, false) => "nothing to compare",
+            (true, true) => "holds",
+        }
+    }
 }
 
 /// Everything.
@@ -334,4 +349,125 @@ pub struct Accuracy {
     pub bytes: Vec<Bytes>,
     /// What must hold.
     pub checks: Vec<Check>,
+    /// What ended the command early; empty where every model was measured.
+    pub failed: Vec<String>,
+}
+
+impl Accuracy {
+    /// Nothing measured yet.
+    #[must_use]
+    pub fn new(seed: u64, seconds: f64, size_m: f64, speed_m_per_s: f64) -> Self {
+        Self {
+            seed,
+            seconds,
+            size_m,
+            speed_m_per_s,
+            pass: false,
+            points: Vec::new(),
+            bytes: Vec::new(),
+            checks: Vec::new(),
+            failed: Vec::new(),
+        }
+    }
+
+    /// What was measured, and how the measurement ended.
+    ///
+    /// # Errors
+    /// The failure where nothing was measured: it is all that there is to say.
+    pub fn ended(mut self, ended: Result<(), Failure>) -> Result<Self, Failure> {
+        if let Err(failure) = ended {
+            if self.points.is_empty() {
+                return Err(failure);
+            }
+            self.failed.push(failure.to_string());
+        }
+        self.pass = self.failed.is_empty() && self.checks.iter().all(|check| check.pass);
+        Ok(self)
+    }
+
+    /// How many of the checks hold, in words.
+    #[must_use]
+    pub fn held(&self) -> String {
+        let with = |verdict: &str| {
+            let checks = self.checks.iter();
+            checks.filter(|check| check.verdict() == verdict).count()
+        };
+        let of = self.checks.len();
+        let held = format!("{} of {of} hold", with("holds"));
+        match with("nothing to compare") {
+            0 => held,
+            empty => format!("{held}, {empty} had nothing to compare"),
+        }
+    }
+
+    /// Whether all was measured and every check holds.
+    ///
+    /// # Errors
+    /// With what failed.
+    pub fn judge(&self) -> Result<(), Failure> {
+        let failed: Vec<&Check> = self.checks.iter().filter(|check| !check.pass).collect();
+        let mut wrong = self.failed.clone();
+        if let Some(check) = failed.first() {
+            wrong.push(format!(
+                "{} of {} checks failed; {}: {} ({:.3e}, at most {:.1e})",
+                failed.len(),
+                self.checks.len(),
+                check.model,
+                check.name,
+                check.worst,
+                check.limit
+            ));
+        }
+        if wrong.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Run(wrong.join("; ")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn check(pass: bool, compared: bool) -> Check {
+        Check {
+            model: "cow".to_string(),
+            name: "a rule".to_string(),
+            pass,
+            worst: 2.0,
+            limit: 3.0,
+            compared,
+        }
+    }
+
+    fn found(checks: Vec<Check>) -> Accuracy {
+        Accuracy {
+            points: vec![Point::new("cow", Knob::Local, 0.0)],
+            checks,
+            ..Accuracy::new(1, 5.0, 0.15, 0.1)
+        }
+    }
+
+    #[test]
+    fn a_late_failure_is_said_beside_what_was_measured() {
+        let failure = || Failure::Input("the tour of b.obj touches nothing".to_string());
+        // All that there is to say, with its status.
+        let none = Accuracy::new(1, 5.0, 0.15, 0.1).ended(Err(failure()));
+        assert_eq!(none.err(), Some(failure()));
+        let found = found(vec![check(true, true)]).ended(Err(failure()));
+        let found = found.expect("a model was measured");
+        assert_eq!((found.points.len(), found.pass), (1, false));
+        assert_eq!(found.judge(), Err(Failure::Run(failure().to_string())));
+    }
+
+    #[test]
+    fn a_check_of_nothing_is_not_said_to_hold() {
+        let found = found(vec![check(true, true), check(true, false)]);
+        let found = found.ended(Ok(())).expect("nothing failed");
+        assert_eq!(found.held(), "1 of 2 hold, 1 had nothing to compare");
+        assert_eq!((found.pass, found.judge()), (true, Ok(())));
+        let verdicts = [(true, true), (true, false), (false, true)];
+        let verdicts = verdicts.map(|(pass, compared)| check(pass, compared).verdict());
+        assert_eq!(verdicts, ["holds", "nothing to compare", "FAILS"]);
+    }
 }

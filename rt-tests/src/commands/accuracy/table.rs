@@ -77,18 +77,16 @@ pub fn words(found: &Accuracy) -> String {
     }
     let _ = write!(text, "\n{table}");
     let failed: Vec<_> = found.checks.iter().filter(|check| !check.pass).collect();
-    let _ = writeln!(
-        text,
-        "\nchecks  {} of {} hold",
-        found.checks.len() - failed.len(),
-        found.checks.len()
-    );
+    let _ = writeln!(text, "\nchecks  {}", found.held());
     for check in failed {
         let _ = writeln!(
             text,
             "        FAILED {}: {}: {:.3e}, at most {:.1e}",
             check.model, check.name, check.worst, check.limit
         );
+    }
+    for failed in &found.failed {
+        let _ = writeln!(text, "FAILED  {failed}");
     }
     text
 }

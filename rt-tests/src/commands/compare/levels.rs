@@ -221,6 +221,16 @@ pub fn broken(growth: &[Level]) -> Vec<String> {
         .collect()
 }
 
+/// That nothing was judged by growth, in words; nothing where something was.
+pub fn skipped(growth: &[Level]) -> Option<&'static str> {
+    let mut sizes: Vec<u32> = growth.iter().map(|level| level.faces).collect();
+    sizes.sort_unstable();
+    sizes.dedup();
+    (sizes.len() < 2).then_some(
+        "no limit of growth is judged: it takes two sizes or more (--growth 16000 has two)",
+    )
+}
+
 /// The table of the terminal.
 pub fn words<'a>(levels: impl Iterator<Item = &'a Level>) -> String {
     let heads = "probe against | front | faces | of front | p50 ns | p99 ns | node pairs | \
@@ -269,6 +279,12 @@ mod tests {
         );
         let no_number = level(1_000_000, f64::NAN, 99.0);
         assert_eq!(broken(&[first.clone(), no_number]).len(), 1);
+        // Nothing grew over one size.
+        let same = [first.clone(), level(1000, 300.0, 90.0)];
+        for one_size in [&same[..0], &same[..1], &same] {
+            assert!(skipped(one_size).is_some_and(|text| text.contains("two sizes")));
+        }
+        assert_eq!(skipped(&[first.clone(), good]), None);
         assert_eq!(broken(&[first, level(1_000_000, 210.0, 101.0)]).len(), 2);
         assert_eq!(broken(&[]), [""; 0]);
     }

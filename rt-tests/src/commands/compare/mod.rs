@@ -34,9 +34,10 @@ pub(super) mod update;
 
 use crate::failure::{Chosen, Failure};
 use crate::models::Model;
-use crate::models::source::{open, typed_or, unused};
+use crate::models::source::{open, source, typed_or, unused};
 use crate::models::surface::Surface;
 use crate::peers::parry::Mesh;
+use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{make_folder, print_either, write_json, write_whole};
 use crate::report::table::Table;
 use crate::report::units::{bytes, grouped};
@@ -49,10 +50,12 @@ use questions::{FullMesh, Questions};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use row::{Row, Who};
+use scene::ModelSource;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";
@@ -109,29 +112,109 @@ pub struct Compare {
     pub growth_levels: Vec<Level>,
     /// What is beyond its limit, in words; empty when all is well.
     pub broken: Vec<String>,
+    /// What ended the command early; empty where all was measured.
+    pub failed: Vec<String>,
+}
+
+impl Compare {
+    /// Nothing measured yet.
+    fn new(seed: u64) -> Self {
+        Self {
+            seed,
+            rows: Vec::new(),
+            growth: Vec::new(),
+            marking: Vec::new(),
+            update_share: Vec::new(),
+            levels: Vec::new(),
+            growth_levels: Vec::new(),
+            broken: Vec::new(),
+            failed: Vec::new(),
+        }
+    }
+
+    /// What was measured, and how the measurement ended.
+    ///
+    /// # Errors
+    /// The failure where nothing was measured: it is all that there is to say.
+    fn ended(mut self, ended: Result<(), Failure>) -> Result<Self, Failure> {
+        if let Err(failure) = ended {
+            if self.rows.is_empty() && self.growth.is_empty() {
+                return Err(failure);
+            }
+            self.failed.push(failure.to_string());
+        }
+        let broken = marking::broken(&self.marking, &self.update_share);
+        self.broken.extend(broken);
+        self.broken.extend(levels::broken(&self.growth_levels));
+        Ok(self)
+    }
+
+    /// Whether all was measured and every limit is kept.
+    ///
+    /// # Errors
+    /// With what ended the command, or the first that is not kept.
+    fn judge(&self) -> Result<(), Failure> {
+        match self.failed.first().or(self.broken.first()) {
+            None => Ok(()),
+            Some(first) => Err(Failure::Run(first.clone())),
+        }
+    }
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for a bad file, 1 when a limit is broken or an answer wrong.
+/// One sentence: status 2 for a bad file, 1 when a limit is broken or an answer wrong, or when
+/// something fails after other things were measured.
 pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
-    make_folder(&args.out)?;
-    let mut found = Compare {
-        seed: args.seed,
-        rows: Vec::new(),
-        growth: Vec::new(),
-        marking: Vec::new(),
-        update_share: Vec::new(),
-        levels: Vec::new(),
-        growth_levels: Vec::new(),
-        broken: Vec::new(),
-    };
     let models = typed_or(&args.models, &[DEFAULT_MODEL]);
-    let mut names = BTreeSet::new();
+    // A name that is none is refused before anything is measured.
     for typed in &models {
+        resolve(typed)?;
+    }
+    let stop = stop_flag()?;
+    make_folder(&args.out)?;
+    let mut found = Compare::new(args.seed);
+    let ended = measure_all(args, &models, &stop, &mut found);
+    let found = found.ended(ended)?;
+    for (name, svg) in picture::pictures(&found) {
+        write_whole(&args.out.join(name), svg.as_bytes())?;
+    }
+    write_json(&args.out.join("compare.json"), &found)?;
+    print_either(args.json, &words(&found), &found)?;
+    found.judge()
+}
+
+/// Whether there is what was typed.
+///
+/// # Errors
+/// One sentence that names it.
+fn resolve(typed: &str) -> Result<(), Failure> {
+    match source(typed)? {
+        (_, ModelSource::File(path)) => match std::fs::metadata(&path) {
+            Ok(_) => Ok(()),
+            Err(error) => Err(Failure::Input(format!("{}: {error}", path.display()))),
+        },
+        (_, ModelSource::Generate { .. }) => Ok(()),
+    }
+}
+
+/// Measures the models that were typed, then the shapes of growing size.
+///
+/// # Errors
+/// The first failure; what was measured before it is there.
+fn measure_all(
+    args: &CompareArgs,
+    models: &[String],
+    stop: &AtomicBool,
+    found: &mut Compare,
+) -> Result<(), Failure> {
+    let mut names = BTreeSet::new();
+    for typed in models {
+        check_stop(stop)?;
         eprintln!("{typed}: building");
         let model = open(typed)?;
+        check_stop(stop)?;
         eprintln!("{typed}: measuring");
         let export = args.export.as_ref().map(|folder| match models.len() {
             1 => folder.clone(),
@@ -140,47 +223,50 @@ pub fn compare(args: &CompareArgs) -> Result<(), Failure> {
         let others = Others {
             program: args.peers.as_deref(),
             export,
+            stop,
         };
         let measured = Measured::new(&model, args.seed, EVERY, &others)?;
         found.broken.extend(broken(&measured.rows));
         found.rows.extend(measured.rows);
+        found.levels.extend(measured.levels);
+        check_stop(stop)?;
         let (marking, update_share) = updates(&model, args.seed)?;
         found.marking.extend(marking);
         found.update_share.extend(update_share);
-        found.levels.extend(measured.levels);
     }
     for faces in GROWTH.into_iter().filter(|&faces| faces <= args.growth) {
+        check_stop(stop)?;
         eprintln!("relief of {} faces: building", grouped(faces.into()));
         let model = open(&format!("relief:{faces}"))?;
+        check_stop(stop)?;
         eprintln!("relief of {} faces: measuring", grouped(faces.into()));
         let others = Others {
             program: args.peers.as_deref(),
             export: None,
+            stop,
         };
         let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH, &others)?;
         found.broken.extend(broken(&measured.rows));
         found.growth.extend(measured.rows);
         found.growth_levels.extend(measured.levels);
     }
-    found
-        .broken
-        .extend(marking::broken(&found.marking, &found.update_share));
-    found.broken.extend(levels::broken(&found.growth_levels));
-    for (name, svg) in picture::pictures(&found) {
-        write_whole(&args.out.join(name), svg.as_bytes())?;
-    }
-    write_json(&args.out.join("compare.json"), &found)?;
-    print_either(args.json, &words(&found), &found)?;
-    match found.broken.first() {
-        None => Ok(()),
-        Some(first) => Err(Failure::Run(first.clone())),
-    }
+    Ok(())
 }
 
-/// Who else is asked, and where the questions are kept.
+/// # Errors
+/// When the command is to end: what was cut short is no measure.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(Failure::Run("ended on request".to_string()));
+    }
+    Ok(())
+}
+
+/// Who else is asked, and where the questions are kept; what ends all of it.
 struct Others<'a> {
     program: Option<&'a Path>,
     export: Option<PathBuf>,
+    stop: &'a AtomicBool,
 }
 
 impl Others<'_> {
@@ -197,7 +283,7 @@ impl Others<'_> {
         };
         asked.write(mesh, chosen, folder)?;
         match self.program {
-            Some(program) => peers::rows(program, folder, model, asked),
+            Some(program) => peers::rows(program, folder, model, asked, self.stop),
             None => Ok(Vec::new()),
         }
     }
@@ -215,16 +301,22 @@ impl Measured {
         let mut random = Xoshiro256PlusPlus::seed_from_u64(seed);
         let full = Surface::new(model.full_triangles());
         let asked = Questions::new(model, &full, every, &mut random)?;
+        check_stop(others.stop)?;
         let mut front = FullFront::new(model)?;
         let mesh = FullMesh::new(model);
         let mut single = closest::single(model, &mesh)?;
         let mut double = closest::double(model, &mesh)?;
         let both: [&dyn Mesh; 2] = [&single, &double];
+        check_stop(others.stop)?;
         let mut rows = closest::rows(model, &asked, &front, both)?;
         let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
+        check_stop(others.stop)?;
         rows.extend(tools::rows(model, &asked, &front, both)?);
+        check_stop(others.stop)?;
         rows.extend(others.rows(model, &mesh, &asked)?);
+        check_stop(others.stop)?;
         let levels = levels::levels(model, &full, &front, levels::PROBE, &mut random)?;
+        check_stop(others.stop)?;
         rows.extend(update::rows(
             model,
             &mut front,
@@ -280,8 +372,14 @@ fn words(found: &Compare) -> String {
     let mut text = table.to_string();
     text += &marking::words(&found.marking, &found.update_share);
     text += &levels::words(found.levels.iter().chain(&found.growth_levels));
+    if let Some(skipped) = levels::skipped(&found.growth_levels) {
+        let _ = writeln!(text, "{skipped}");
+    }
     for broken in &found.broken {
         let _ = writeln!(text, "beyond its limit: {broken}");
+    }
+    for failed in &found.failed {
+        let _ = writeln!(text, "failed: {failed}");
     }
     text
 }
@@ -297,6 +395,7 @@ mod tests {
         let nobody = Others {
             program: None,
             export: None,
+            stop: &AtomicBool::new(false),
         };
         let measured = Measured::new(&model, 1, EVERY, &nobody);
         let mut rows = measured.unwrap_or_else(|error| panic!("{error}")).rows;
@@ -318,5 +417,57 @@ mod tests {
             row.p50_ns = f64::NAN;
         }
         assert_eq!(broken(&rows).len(), 2 * 6 + 1, "what is no number");
+    }
+
+    /// What was measured of a model and a task, within its limits.
+    fn measured() -> Compare {
+        let row = Row {
+            task: "build",
+            model: "cow.obj".to_string(),
+            faces: 1000,
+            who: Who::OursFull,
+            p50_ns: 1.0,
+            p99_ns: 1.0,
+            max_ns: 1.0,
+            answers_differ: 0,
+            bytes: 1,
+        };
+        Compare {
+            rows: vec![row],
+            ..Compare::new(1)
+        }
+    }
+
+    #[test]
+    fn a_late_failure_is_said_beside_what_was_measured() {
+        let failure = || Failure::Input("b.obj: this is no mesh".to_string());
+        // All that there is to say, with its status.
+        let none = Compare::new(1).ended(Err(failure()));
+        assert_eq!(none.err(), Some(failure()));
+        let found = measured().ended(Err(failure())).expect("a row is there");
+        let text = words(&found);
+        assert!(text.contains("cow.obj"), "{text}");
+        assert!(text.contains("failed: b.obj: this is no mesh"), "{text}");
+        assert_eq!(found.judge(), Err(Failure::Run(failure().to_string())));
+        let whole = measured().ended(Ok(())).expect("nothing failed");
+        assert_eq!(whole.judge(), Ok(()));
+        assert!(!words(&whole).contains("failed"));
+    }
+
+    #[test]
+    fn a_command_that_is_to_end_measures_nothing() {
+        let args = CompareArgs {
+            models: vec!["relief:1000".to_string()],
+            json: false,
+            seed: 1,
+            growth: 4000,
+            export: None,
+            peers: None,
+            out: PathBuf::new(),
+        };
+        let mut found = Compare::new(1);
+        let ended = measure_all(&args, &args.models, &AtomicBool::new(true), &mut found);
+        assert_eq!(ended, Err(Failure::Run("ended on request".to_string())));
+        assert!(found.rows.is_empty());
     }
 }

@@ -5,6 +5,7 @@
 //! its units times theirs. Each tick weighs by its time, so that a long one counts as much as a
 //! short one.
 
+use super::check_stop;
 use crate::failure::Failure;
 use crate::report::quantile::Quantiles;
 use crate::scenes::{BUNDLED_SCENE, SceneFile};
@@ -17,9 +18,12 @@ use scene::{Overrides, ScenePlan, load};
 use scene_files::DiskFiles;
 use serde::Serialize;
 use simulator::{Drive, new_controller};
+use std::sync::atomic::AtomicBool;
 
 /// Length of a touch, ticks.
 const TICKS: usize = 6000;
+/// Ticks from one look at the stop flag to the next.
+const LOOK_TICKS: usize = 256;
 /// A ball, and a tool.
 const TOUCHES: [(&str, &str, QueryWork); 2] = [
     ("first-touch.toml", BUNDLED_SCENE, QueryWork::Ball),
@@ -55,11 +59,11 @@ struct Row {
 /// The fits of a ball and a tool.
 ///
 /// # Errors
-/// When a scene cannot be served, or a replay differs.
-pub fn query_fits() -> Result<Vec<QueryFit>, Failure> {
+/// When a scene cannot be served, a replay differs, or the command is to end.
+pub fn query_fits(stop: &AtomicBool) -> Result<Vec<QueryFit>, Failure> {
     let costs = WorkCosts::REFERENCE;
     let one = |(scene, text, steps): (&'static str, &str, QueryWork)| {
-        let rows = rows(scene, text, steps)?;
+        let rows = rows(scene, text, steps, stop)?;
         let fitted = fit(&rows).ok_or_else(|| {
             Failure::Run(format!("{scene}: its ticks do not tell the costs apart"))
         })?;
@@ -76,13 +80,17 @@ pub fn query_fits() -> Result<Vec<QueryFit>, Failure> {
 }
 
 /// The ticks of a touch that are in contact.
-fn rows(name: &str, text: &str, steps: QueryWork) -> Result<Vec<Row>, Failure> {
+fn rows(name: &str, text: &str, steps: QueryWork, stop: &AtomicBool) -> Result<Vec<Row>, Failure> {
+    check_stop(stop)?;
     let scene = SceneFile::of_text(name, text)?;
     let plan: ScenePlan = load(scene.path(), &Overrides::default(), &DiskFiles)?;
     let (mut simulation, options) = virtual_scene(&plan, TICKS as f64 / plan.loop_.rate_hz)?;
     simulation.client_mut().record();
     let mut counts = Vec::with_capacity(TICKS);
-    for _ in 0..TICKS {
+    for tick in 0..TICKS {
+        if tick.is_multiple_of(LOOK_TICKS) {
+            check_stop(stop)?;
+        }
         simulation.advance(Drive::Hands, &mut hrtc_core::NoObserver);
         let record = &simulation.outputs().record;
         let units = record.query_units.map(f64::from);
@@ -90,6 +98,7 @@ fn rows(name: &str, text: &str, steps: QueryWork) -> Result<Vec<Row>, Failure> {
         let counted = DVec3::new(1.0, units[QueryWork::Search.unit()], of_steps);
         counts.push(record.contact.then_some(counted));
     }
+    check_stop(stop)?;
     let recording = simulation.client_mut().take_recording().unwrap_or_default();
     let fresh = |_| new_controller(&plan, &options);
     let least = least_ns_with(&[(&recording, &plan)], &fresh)?.swap_remove(0);
@@ -120,6 +129,12 @@ fn fit(rows: &[Row]) -> Option<DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn nothing_is_run_once_the_command_is_to_end() {
+        let ended = query_fits(&AtomicBool::new(true)).map(|fits| fits.len());
+        assert_eq!(ended, Err(Failure::Run("ended on request".to_string())));
+    }
 
     #[test]
     fn a_fit_finds_the_costs_that_made_the_times() {

@@ -7,6 +7,7 @@
 mod fit;
 
 use crate::failure::{Chosen, Failure};
+use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::print_either;
 use crate::report::quantile::median;
 use crate::report::table::Table;
@@ -23,6 +24,7 @@ use serde::Serialize;
 use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
 /// Measurements.
@@ -69,15 +71,26 @@ pub fn costs(args: &CostsArgs) -> Result<(), Failure> {
     if let Some(path) = &args.write {
         return write(path);
     }
-    let measured: Option<Vec<Measured>> = (0..REPEATS).map(|_| measure(1.0)).collect();
-    let Some(measured) = measured else {
+    let stop = stop_flag()?;
+    let measured = (0..REPEATS).map(|_| check_stop(&stop).map(|()| measure(1.0)));
+    let measured: Result<Option<Vec<Measured>>, Failure> = measured.collect();
+    let Some(measured) = measured? else {
         return Err(Failure::Run(
             "the bundled inputs do not fit this build: rt-tests costs --write hrtc/src/calibration/patch.inputs"
                 .to_string(),
         ));
     };
-    let found = Costs::of(&measured, query_fits()?);
+    let found = Costs::of(&measured, query_fits(&stop)?);
     print_either(args.json, &words(&found), &found)
+}
+
+/// # Errors
+/// When the command is to end: what was cut short is no measure.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(Failure::Run("ended on request".to_string()));
+    }
+    Ok(())
 }
 
 impl Costs {

@@ -6,7 +6,8 @@
 //! tick spends more than it may, when every contact has a certified error, and when the 99.9th
 //! percentile of the work is near that of a bare loop of fixed arithmetic with the same median,
 //! slowed down alike, right after the run. What that loop misses, the machine misses, since an
-//! interrupt in a stage is made F times as long, too.
+//! interrupt in a stage is made F times as long, too. An error at the contact must have been
+//! measured: of none nothing can be said.
 
 pub mod scenes;
 mod shapes;
@@ -65,8 +66,56 @@ pub struct Deadline {
     pub rows: Vec<Row>,
     /// Scenes that were left out, and why.
     pub left_out: Vec<String>,
-    /// Whether every row passes.
+    /// What ended the command early; empty where every row was measured.
+    pub failed: Vec<String>,
+    /// Whether every row was measured and passes.
     pub pass: bool,
+}
+
+impl Deadline {
+    /// Of the rows that were measured, and how their measurement ended.
+    ///
+    /// # Errors
+    /// The failure where nothing was measured: it is all that there is to say.
+    fn of(
+        rows: Vec<Row>,
+        left_out: Vec<String>,
+        ended: Result<(), Failure>,
+    ) -> Result<Self, Failure> {
+        let mut failed = Vec::new();
+        if let Err(failure) = ended {
+            if rows.is_empty() {
+                return Err(failure);
+            }
+            failed.push(failure.to_string());
+        }
+        Ok(Self {
+            pass: failed.is_empty() && rows.iter().all(Row::passes),
+            rows,
+            left_out,
+            failed,
+        })
+    }
+
+    /// Whether it passes.
+    ///
+    /// # Errors
+    /// With all that was not kept.
+    fn judge(&self) -> Result<(), Failure> {
+        if self.pass {
+            return Ok(());
+        }
+        let mut wrong = self.failed.clone();
+        let reasons = words::reasons(&self.rows);
+        if !reasons.is_empty() {
+            wrong.push(format!(
+                "of {} runs {}",
+                self.rows.len(),
+                reasons.join(", ")
+            ));
+        }
+        Err(Failure::Run(wrong.join("; ")))
+    }
 }
 
 /// A run, and the reference after it.
@@ -106,7 +155,9 @@ pub struct Row {
     pub reference_missed_own_cpu: u64,
     /// Certified error at the contact, metres.
     pub certified_error_m: ShortSpread,
-    /// Measured error at the contact, metres.
+    /// Errors at the contact that were measured.
+    pub measured_errors: u64,
+    /// Measured error at the contact, metres; 0 where none was measured.
     pub measured_error_m: ShortSpread,
     /// Largest change of a force in a period, newtons.
     pub force_step_n_max: f64,
@@ -134,6 +185,7 @@ impl Row {
             reference_p999_ratio: run.work_us.p999 / reference.work_us.p999,
             reference_missed_own_cpu: reference.missed_own_cpu,
             certified_error_m: run.certified_error_m,
+            measured_errors: run.measured_errors,
             measured_error_m: run.measured_error_m,
             force_step_n_max: run.force_step_n_max,
             non_finite: run.non_finite.clone(),
@@ -147,7 +199,8 @@ impl Row {
         self.reference_p999_ratio <= MAX_P999_RATIO
     }
 
-    /// Whether the deadline was kept, with a touch whose error was certified all along.
+    /// Whether the deadline was kept, with a touch whose error was certified all along and
+    /// measured.
     #[must_use]
     pub fn passes(&self) -> bool {
         self.missed_own_cpu == 0
@@ -155,6 +208,7 @@ impl Row {
             && self.units_over_budget_ticks == 0
             && self.contact_ticks > 0
             && self.contact_unbounded_ticks == 0
+            && self.measured_errors > 0
             && self.is_steady()
             && self.non_finite.is_empty()
     }
@@ -163,7 +217,8 @@ impl Row {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence, with its status; status 1 when a row does not pass.
+/// One sentence, with its status; status 1 when a row does not pass, or could not be measured after
+/// others were.
 pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
     scenes::check_slow(&args.slow)?;
     check_seconds(args.seconds)?;
@@ -172,35 +227,45 @@ pub fn deadline(args: &DeadlineArgs) -> Result<(), Failure> {
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let (scenes, left_out) = scenes::scenes(&args.scenes, folder.path())?;
     for scene in &scenes {
+        check_stop(&stop)?;
         let plan = load(&scene.path, &scene.overrides(1).overrides(), &DiskFiles)?;
         prepare_models(&plan)?;
     }
+    check_stop(&stop)?;
     let mut rows = Vec::new();
+    let ended = measure_all(args, &scenes, &mut rows, &mut |scene, slow, seed| {
+        row(scene, slow, seed, args.seconds, &stop)
+    });
+    let found = Deadline::of(rows, left_out, ended)?;
+    print_either(args.json, &words::words(&found), &found)?;
+    found.judge()
+}
+
+/// Measures the row of a scene, an F and a seed.
+type MeasureRow<'a> = dyn FnMut(&Scene, f64, u64) -> Result<Row, Failure> + 'a;
+
+/// Measures all rows, one behind the other.
+///
+/// # Errors
+/// The first failure; the rows before it are there.
+fn measure_all(
+    args: &DeadlineArgs,
+    scenes: &[Scene],
+    rows: &mut Vec<Row>,
+    measure: &mut MeasureRow<'_>,
+) -> Result<(), Failure> {
     let bar = status_bar(scenes.len() as u64 * args.slow.len() as u64 * args.seeds);
-    for scene in &scenes {
+    for scene in scenes {
         for &slow in &args.slow {
             for seed in 1..=args.seeds {
                 bar.set_message(format!("{}, F = {slow}, seed {seed}", scene.name));
-                rows.push(row(scene, slow, seed, args.seconds, &stop)?);
+                rows.push(measure(scene, slow, seed)?);
                 bar.inc(1);
             }
         }
     }
     bar.finish_and_clear();
-    let pass = rows.iter().all(Row::passes);
-    let found = Deadline {
-        rows,
-        left_out,
-        pass,
-    };
-    print_either(args.json, &words::words(&found), &found)?;
-    if pass {
-        Ok(())
-    } else {
-        Err(Failure::Run(
-            "a deadline, a budget or a certified error was not kept".to_string(),
-        ))
-    }
+    Ok(())
 }
 
 /// A run, and a loop of fixed arithmetic with its median, since the machine changes from minute to
@@ -247,4 +312,92 @@ fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
         return Err(Failure::Run("interrupted".to_string()));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A row that keeps all that is asked of it.
+    fn kept() -> Row {
+        Row {
+            contact_ticks: 1,
+            measured_errors: 1,
+            reference_p999_ratio: 1.0,
+            ..Row::default()
+        }
+    }
+
+    #[test]
+    fn a_row_that_fails_leaves_those_before_it() {
+        let args = DeadlineArgs {
+            slow: vec![1.0],
+            seeds: 3,
+            seconds: 1.0,
+            scenes: SceneArgs {
+                only: Some("terrain-20cm".to_owned()),
+                models: PathBuf::new(),
+                terrain_faces: 1000,
+            },
+            json: false,
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        let found = scenes::scenes(&args.scenes, folder.path());
+        let (scenes, left_out) = found.expect("the scene is written");
+        let failure = || Failure::Run("the controller ended".to_owned());
+        let measured = |fails_at: u64| {
+            let mut rows = Vec::new();
+            let ended = measure_all(&args, &scenes, &mut rows, &mut |_, _, seed| match seed {
+                seed if seed == fails_at => Err(failure()),
+                seed => Ok(Row { seed, ..kept() }),
+            });
+            Deadline::of(rows, left_out.clone(), ended)
+        };
+        let found = measured(2).expect("the first row is there");
+        let seeds: Vec<u64> = found.rows.iter().map(|row| row.seed).collect();
+        assert_eq!((seeds, found.pass), (vec![1], false));
+        let text = words::words(&found);
+        assert!(text.contains("of 1 runs: 0 with own misses"), "{text}");
+        assert!(text.contains("the controller ended"), "{text}");
+        assert_eq!(found.judge(), Err(failure()));
+        // All that there is to say, with its status.
+        assert_eq!(measured(1).err(), Some(failure()));
+        let whole = measured(9).expect("every row is there");
+        assert_eq!((whole.rows.len(), whole.judge()), (3, Ok(())));
+    }
+
+    #[test]
+    fn what_was_not_kept_is_named_and_nothing_else() {
+        let judged = |rows: Vec<Row>| {
+            let found = Deadline::of(rows, Vec::new(), Ok(())).expect("rows are there");
+            found.judge().expect_err("it does not pass").to_string()
+        };
+        let unsteady = Row {
+            reference_p999_ratio: 1.6,
+            ..kept()
+        };
+        let said = judged(vec![kept(), unsteady]);
+        assert_eq!(
+            said,
+            "of 2 runs 1 with a p99.9 over 1.5 times the reference's"
+        );
+        let untouched = Row {
+            contact_ticks: 0,
+            measured_errors: 0,
+            unaccounted_periods: 2,
+            ..kept()
+        };
+        let said = judged(vec![untouched]);
+        for reason in [
+            "lost records",
+            "without a touch",
+            "without a measured error",
+        ] {
+            assert!(said.contains(reason), "{said}");
+        }
+        assert!(
+            !said.contains("own misses") && !said.contains("p99.9"),
+            "{said}"
+        );
+    }
 }

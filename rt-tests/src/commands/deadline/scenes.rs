@@ -3,6 +3,7 @@
 use super::shapes::{cylinder, spur_gear, uv_sphere};
 use crate::failure::{Chosen, Failure};
 use crate::report::output::make_folder_at;
+use crate::scenes::path_in_toml;
 use clap::Args;
 use scene_args::OverrideArgs;
 use spm_builder::{SoupMesh, write_mesh};
@@ -107,7 +108,7 @@ pub fn scenes(args: &SceneArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String
         } else if wanted(name) && is_tool {
             add(name, TOOL, Some(absolute(&dragon)?))?;
         } else if wanted(name) {
-            let object = format!("model = {:?}", absolute(&dragon)?.display().to_string());
+            let object = format!("model = {}", path_in_toml(&absolute(&dragon)?)?);
             add(name, &stroked(&object, 0.15, 0.1), None)?;
         }
     }
@@ -118,7 +119,7 @@ pub fn scenes(args: &SceneArgs, folder: &Path) -> Result<(Vec<Scene>, Vec<String
         if wanted(name) {
             let path = folder.join(format!("{name}.obj"));
             write_mesh(&mesh(), &path).map_err(|error| Failure::Run(error.to_string()))?;
-            let object = format!("model = {:?}", path.display().to_string());
+            let object = format!("model = {}", path_in_toml(&path)?);
             add(name, &stroked(&object, 0.1, 0.3), None)?;
         }
     }

@@ -23,7 +23,8 @@ pub fn words(found: &Deadline) -> String {
          reference: a loop of fixed arithmetic with the same median, slowed down alike, after each run\n\
          p99.9 over reference: median of the seeds; all else: sums and the largest of the seeds\n\n{table}\n"
     );
-    for sentence in found.left_out.iter().chain(&odd(&summaries)) {
+    let odd = odd(&summaries);
+    for sentence in found.left_out.iter().chain(&odd).chain(&found.failed) {
         text += sentence;
         text.push('\n');
     }
@@ -59,7 +60,10 @@ impl<'a> Summary<'a> {
             sum(|row| row.units_over_budget_ticks).to_string(),
             format!("{full:.1} %"),
             length(self.certified_p99_m),
-            length(most(rows, |row| row.measured_error_m.p99)),
+            match sum(|row| row.measured_errors) {
+                0 => "none".to_string(),
+                _ => length(most(rows, |row| row.measured_error_m.p99)),
+            },
             us(|row| row.work_us.p50),
             us(|row| row.work_us.p99),
             us(|row| row.work_us.p999),
@@ -96,26 +100,62 @@ fn odd(summaries: &[Summary<'_>]) -> Vec<String> {
     .collect()
 }
 
-/// How many runs keep each of what is asked.
-fn verdict(found: &Deadline) -> String {
-    let rows = &found.rows;
+/// How many runs break each of what is asked, and what that is.
+fn counted(rows: &[Row]) -> [(usize, String); 8] {
     let runs = |of: fn(&Row) -> bool| rows.iter().filter(|row| of(row)).count();
-    format!(
-        "of {} runs: {} with own misses ({} of their references), {} with lost records, {} over a budget, {} with a p99.9 over {MAX_P999_RATIO} times the reference's, {} without a touch, {} with contacts without a certified error ({} ticks), {} with a figure that is not finite\n{}\n",
-        rows.len(),
-        runs(|row| row.missed_own_cpu > 0),
-        runs(|row| row.reference_missed_own_cpu > 0),
-        runs(|row| row.unaccounted_periods != 0),
-        runs(|row| row.units_over_budget_ticks > 0),
-        runs(|row| !row.is_steady()),
-        runs(|row| row.contact_ticks == 0),
-        runs(|row| row.contact_unbounded_ticks > 0),
-        rows.iter()
-            .map(|row| row.contact_unbounded_ticks)
-            .sum::<u64>(),
-        runs(|row| !row.non_finite.is_empty()),
-        if found.pass { "pass" } else { "FAIL" }
-    )
+    let of_references = runs(|row| row.reference_missed_own_cpu > 0);
+    let unbounded: u64 = rows.iter().map(|row| row.contact_unbounded_ticks).sum();
+    [
+        (
+            runs(|row| row.missed_own_cpu > 0),
+            format!("with own misses ({of_references} of their references)"),
+        ),
+        (
+            runs(|row| row.unaccounted_periods != 0),
+            "with lost records".to_string(),
+        ),
+        (
+            runs(|row| row.units_over_budget_ticks > 0),
+            "over a budget".to_string(),
+        ),
+        (
+            runs(|row| !row.is_steady()),
+            format!("with a p99.9 over {MAX_P999_RATIO} times the reference's"),
+        ),
+        (
+            runs(|row| row.contact_ticks == 0),
+            "without a touch".to_string(),
+        ),
+        (
+            runs(|row| row.contact_unbounded_ticks > 0),
+            format!("with contacts without a certified error ({unbounded} ticks)"),
+        ),
+        (
+            runs(|row| row.measured_errors == 0),
+            "without a measured error".to_string(),
+        ),
+        (
+            runs(|row| !row.non_finite.is_empty()),
+            "with a figure that is not finite".to_string(),
+        ),
+    ]
+}
+
+/// What some runs did not keep, with how many of them; nothing where all pass.
+#[must_use]
+pub fn reasons(rows: &[Row]) -> Vec<String> {
+    let broken = counted(rows).into_iter().filter(|(runs, _)| *runs > 0);
+    broken
+        .map(|(runs, what)| format!("{runs} {what}"))
+        .collect()
+}
+
+/// How many runs break each of what is asked, in one line, and the verdict.
+fn verdict(found: &Deadline) -> String {
+    let counted = counted(&found.rows).map(|(runs, what)| format!("{runs} {what}"));
+    let verdict = if found.pass { "pass" } else { "FAIL" };
+    let runs = found.rows.len();
+    format!("of {runs} runs: {}\n{verdict}\n", counted.join(", "))
 }
 
 #[cfg(test)]
@@ -126,6 +166,7 @@ mod tests {
     fn kept() -> Row {
         Row {
             contact_ticks: 1,
+            measured_errors: 1,
             reference_p999_ratio: 1.0,
             ..Row::default()
         }
@@ -133,9 +174,10 @@ mod tests {
 
     #[test]
     fn a_run_passes_when_all_that_is_asked_was_kept() {
-        assert!(kept().passes());
-        let faults: [fn(&mut Row); 8] = [
+        assert!(kept().passes() && reasons(&[kept()]).is_empty());
+        let faults: [fn(&mut Row); 9] = [
             |row| row.contact_ticks = 0,
+            |row| row.measured_errors = 0,
             |row| row.contact_unbounded_ticks = 1,
             |row| row.missed_own_cpu = 1,
             |row| row.unaccounted_periods = 1,
@@ -148,6 +190,7 @@ mod tests {
             let mut row = kept();
             fault(&mut row);
             assert!(!row.passes(), "fault {index}");
+            assert_eq!(reasons(&[row]).len(), 1, "fault {index}");
         }
     }
 
@@ -161,11 +204,34 @@ mod tests {
         let found = Deadline {
             rows: vec![kept(), unbounded(3), unbounded(4)],
             left_out: Vec::new(),
+            failed: Vec::new(),
             pass: false,
         };
         let text = words(&found);
         let said = "2 with contacts without a certified error (7 ticks)";
         assert!(text.contains(said), "{text}");
+    }
+
+    #[test]
+    fn an_error_that_nobody_measured_is_none_and_not_0() {
+        let unmeasured = Row {
+            measured_errors: 0,
+            ..kept()
+        };
+        let text = |rows: Vec<Row>| {
+            words(&Deadline {
+                rows,
+                left_out: Vec::new(),
+                failed: Vec::new(),
+                pass: false,
+            })
+        };
+        let none = text(vec![unmeasured.clone()]);
+        assert!(none.contains(" none "), "{none}");
+        assert!(none.contains("1 without a measured error"), "{none}");
+        // One of the seeds is enough for a number.
+        let some = text(vec![unmeasured, kept()]);
+        assert!(!some.contains(" none "), "{some}");
     }
 
     #[test]
@@ -187,6 +253,7 @@ mod tests {
                 row(4.0, 5e-4),
             ],
             left_out: Vec::new(),
+            failed: Vec::new(),
             pass: false,
         };
         assert_eq!(words(&found).matches("is smaller than").count(), 1);
@@ -201,6 +268,7 @@ mod tests {
         let found = Deadline {
             rows: vec![kept(), slow],
             left_out: Vec::new(),
+            failed: Vec::new(),
             pass: false,
         };
         let text = words(&found);

@@ -5,6 +5,7 @@ use crate::failure::{Chosen, Failure};
 use crate::processes::device_page::{DevicePage, NAME};
 use crate::processes::pair::other_core;
 use crate::processes::surroundings::Surroundings;
+use crate::scenes::path_in_toml;
 use indicatif::ProgressBar;
 use scene::{Overrides, ScenePlan};
 use scene_files::DiskFiles;
@@ -94,11 +95,7 @@ impl<'a> Bench<'a> {
         let simulated = "trajectory = { csv = \"slide.csv\" }";
         write("touch.toml", &scene("", "model", SIZE_M, simulated))?;
         write("slow.toml", &scene(SLOW, "model", SIZE_M, simulated))?;
-        let page = page.display();
-        let device = format!(
-            "device = {{ custom = {{ name = \"{NAME}\", file = \"{page}\" }} }}\ntrajectory = {{ csv = \"press.csv\" }}"
-        );
-        write("device.toml", &scene("", "model", SIZE_M, &device))?;
+        write("device.toml", &scene("", "model", SIZE_M, &pressed(&page)?))?;
         let plan = scene::load(&at("touch.toml"), &Overrides::default(), &DiskFiles)?;
         Ok(Self {
             folder,
@@ -234,6 +231,17 @@ fn scene(head: &str, model: &str, size_m: f64, probe: &str) -> String {
     format!("{head}[[object]]\nmodel = \"{model}.spm\"\nsize_m = {size_m}\n[[probe]]\n{probe}\n")
 }
 
+/// The probe of a device in a process of its own, whose page is this file.
+///
+/// # Errors
+/// When the path is not UTF-8.
+fn pressed(page: &Path) -> Result<String, Failure> {
+    let page = path_in_toml(page)?;
+    Ok(format!(
+        "device = {{ custom = {{ name = \"{NAME}\", file = {page} }} }}\ntrajectory = {{ csv = \"press.csv\" }}"
+    ))
+}
+
 /// Length of a run with a slide over so many disturbances, seconds.
 fn seconds(slots: usize) -> f64 {
     APPROACH_S + slots as f64 * SLOT_S + REST_S
@@ -274,4 +282,19 @@ fn slide(top: f64, slots: usize) -> String {
 fn press(top: f64) -> String {
     let [above, below] = [top + 0.005, top - DEVICE_DEPTH_M];
     format!("t,x,y,z\n0,0,0,{above}\n0.3,0,0,{above}\n0.6,0,0,{below}\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_scene_of_the_device_names_any_page() {
+        let page = Path::new("/cafe\u{301}/\u{2764}\u{fe0f}/a \"b\" \\c/page");
+        let probe = pressed(page).expect("it is UTF-8");
+        let text = scene("", "model", SIZE_M, &probe);
+        let table: toml::Table = text.parse().unwrap_or_else(|error| panic!("{error}"));
+        let custom = &table["probe"][0]["device"]["custom"];
+        assert_eq!(custom["file"].as_str().map(Path::new), Some(page));
+    }
 }

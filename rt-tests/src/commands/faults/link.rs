@@ -168,6 +168,7 @@ fn undisturbed(bench: &Bench, verdicts: &mut Verdicts) -> Result<Undisturbed, St
     let found = Undisturbed {
         step_n: result.force_step_per_period_n_max,
         front: Some(result.front_hash),
+        fronts_differ: false,
         missed_own_cpu: result.missed_own_cpu,
         resync_ms: RESYNC_MS,
     };

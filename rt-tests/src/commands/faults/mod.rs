@@ -38,6 +38,8 @@ const MIN_HOSTILE_FACES: u32 = 10_000;
 const MAX_HOSTILE_FACES: u32 = 100_000_000;
 /// Kills at the most: hours of them; more is a typing error.
 const MAX_KILLS: u64 = 1000;
+/// Why no front could be compared.
+const FRONTS_DIFFER: &str = "the undisturbed runs ended with different fronts";
 
 /// Arguments of `rt-tests faults`.
 #[derive(Debug, Args)]
@@ -173,6 +175,7 @@ fn run(
     let mut verdicts = Verdicts::default();
     verdicts.undisturbed = undisturbed(&bench).map_err(Failure::Run)?;
     verdicts.faults.force_step_undisturbed_n = verdicts.undisturbed.step_n;
+    verdicts.faults.undisturbed_fronts_differ = verdicts.undisturbed.fronts_differ;
     for row in ROWS.iter().filter(|row| is_chosen(args, row.name)) {
         bench.bar.set_message(row.name);
         match (row.needs)(args) {
@@ -233,13 +236,20 @@ fn undisturbed(bench: &Bench) -> Result<Undisturbed, String> {
         fronts.push(result.front_hash);
         missed_own_cpu = result.missed_own_cpu.max(missed_own_cpu);
     }
-    let is_one = fronts.iter().all(|&front| front == fronts[0]);
+    let front = the_one(&fronts);
     Ok(Undisturbed {
         step_n: median(&steps),
-        front: is_one.then_some(fronts[0]),
+        front,
+        fronts_differ: front.is_none(),
         missed_own_cpu,
         resync_ms: RESYNC_MS,
     })
+}
+
+/// The front that all runs ended with.
+fn the_one(fronts: &[u64]) -> Option<u64> {
+    let (&first, others) = fronts.split_first()?;
+    others.iter().all(|&front| front == first).then_some(first)
 }
 
 fn words(found: &Faults) -> String {
@@ -295,6 +305,9 @@ fn words(found: &Faults) -> String {
         (_, true) => "fronts equal to a fresh start's",
         (_, false) => "fronts NOT equal to a fresh start's",
     };
+    if found.undisturbed_fronts_differ {
+        let _ = writeln!(text, "undisturbed {FRONTS_DIFFER}");
+    }
     let _ = writeln!(
         text,
         "at the end  {fronts}; {} own misses; {} files left",
@@ -322,7 +335,12 @@ fn judge(found: &Faults) -> Result<(), Failure> {
     if failed.is_empty() {
         return Ok(());
     }
-    Err(Failure::Run(format!("failed: {}", failed.join(", "))))
+    let failed = format!("failed: {}", failed.join(", "));
+    Err(Failure::Run(if found.undisturbed_fronts_differ {
+        format!("{FRONTS_DIFFER}; {failed}")
+    } else {
+        failed
+    }))
 }
 
 #[cfg(test)]
@@ -356,6 +374,23 @@ mod tests {
             let error = judge(&found(&cases)).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
         }
+    }
+
+    #[test]
+    fn different_fronts_of_undisturbed_runs_are_said_once_and_by_that_name() {
+        assert_eq!(the_one(&[7, 7, 7]), Some(7));
+        assert_eq!((the_one(&[7, 7, 8]), the_one(&[])), (None, None));
+        let (fail, pass) = ((false, false), (true, false));
+        let mut of = found(&[fail, fail]);
+        assert!(!words(&of).contains(FRONTS_DIFFER));
+        of.undisturbed_fronts_differ = true;
+        assert_eq!(words(&of).matches(FRONTS_DIFFER).count(), 1);
+        let said = judge(&of).expect_err("cases failed").to_string();
+        assert!(said.starts_with(FRONTS_DIFFER), "{said}");
+        assert_eq!(said.matches("different fronts").count(), 1);
+        // Over a link each case has a run of its own to be compared with.
+        of.cases = found(&[pass]).cases;
+        assert_eq!(judge(&of), Ok(()));
     }
 
     #[test]

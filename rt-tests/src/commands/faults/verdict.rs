@@ -92,6 +92,8 @@ pub struct Faults {
     pub fronts_compared: u64,
     /// Whether some were, and all of them were equal.
     pub fronts_equal: bool,
+    /// Whether the undisturbed runs ended with different fronts: then none can be compared.
+    pub undisturbed_fronts_differ: bool,
     /// Files left by processes that had ended.
     pub leaked: u64,
     /// Packets that were harmed on the way between two hosts.

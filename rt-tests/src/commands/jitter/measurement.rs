@@ -96,6 +96,7 @@ impl<'a> Measurement<'a> {
     /// # Errors
     /// When a process fails, or the run was ended before every round was measured.
     pub fn run(mut self, stop: &AtomicBool) -> Result<Self, Failure> {
+        check_stop(stop)?;
         let (sender, events) = channel();
         let mut load = match self.setup.load {
             Load::None => None,

@@ -153,6 +153,8 @@ fn is_not_finite(value: &f64) -> bool {
 /// One sentence, with its status; status 1 also for a verdict other than `pass`, after the result.
 pub fn jitter(args: &JitterArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
+    // Before the first file in a temporary folder: an end on request removes it.
+    let stop = stop_flag()?;
     let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
     let mut loop_ = LoopArgs {
         rate: args.rate,
@@ -170,7 +172,6 @@ pub fn jitter(args: &JitterArgs) -> Result<(), Failure> {
         .unwrap_or_else(|| PathBuf::from("reports").join(format!("jitter-{}", args.load.name())));
     make_folder(&out)?;
     prepare_models(&plan)?;
-    let stop = stop_flag()?;
     let setup = Setup {
         scene: scene.path(),
         plan: &plan,

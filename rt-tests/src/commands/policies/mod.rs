@@ -17,6 +17,7 @@ use clap::Args;
 use scene::{PolicyPlan, ScenePlan, load};
 use scene_files::DiskFiles;
 use serde::Serialize;
+use std::sync::atomic::AtomicBool;
 use trial::{Sums, Trial};
 use verdict::{Verdict, verdict};
 
@@ -57,10 +58,40 @@ pub struct Policies {
     pub left_out: Vec<String>,
     /// Rows that cannot be compared, and why; with one of them the command fails.
     pub faults: Vec<String>,
+    /// What ended the command early; empty where every row was measured.
+    pub failed: Vec<String>,
     /// The policy of a scene that names none.
     pub default: PolicyPlan,
     /// Which one is the better.
     pub verdict: Verdict,
+}
+
+impl Policies {
+    /// Of the rows that were measured, and how their measurement ended.
+    ///
+    /// # Errors
+    /// The failure where nothing was measured: it is all that there is to say.
+    fn of(
+        rows: Vec<Row>,
+        left_out: Vec<String>,
+        ended: Result<(), Failure>,
+    ) -> Result<Self, Failure> {
+        let mut failed = Vec::new();
+        if let Err(failure) = ended {
+            if rows.is_empty() {
+                return Err(failure);
+            }
+            failed.push(failure.to_string());
+        }
+        Ok(Self {
+            verdict: verdict(&rows),
+            faults: words::faults(&rows),
+            rows,
+            left_out,
+            failed,
+            default: PolicyPlan::default(),
+        })
+    }
 }
 
 /// All seeds of a scene at one F under one policy.
@@ -81,27 +112,31 @@ pub struct Row {
 ///
 /// # Errors
 /// One sentence, with its status; status 1 when the default is not the better one, or a row cannot
-/// be compared: it touched nothing, measured nothing, or took more time than it might.
+/// be compared: it touched nothing, measured nothing, or took more time than it might; and when a
+/// run fails after others were measured.
 pub fn policies(args: &PoliciesArgs) -> Result<(), Failure> {
     check_slow(&args.slow)?;
     check_seconds(args.seconds)?;
+    let stop = stop_flag()?;
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let (scenes, left_out) = scenes(&args.scenes, folder.path())?;
-    let rows = run_all(args, &scenes)?;
-    let found = Policies {
-        verdict: verdict(&rows),
-        faults: words::faults(&rows),
-        rows,
-        left_out,
-        default: PolicyPlan::default(),
-    };
+    for scene in &scenes {
+        check_stop(&stop)?;
+        prepare_models(&plan_of(scene, 1)?)?;
+    }
+    let mut rows = Vec::new();
+    let ended = run_all(args, &scenes, &stop, &mut rows);
+    let found = Policies::of(rows, left_out, ended)?;
     print_either(args.json, &words::words(&found), &found)?;
     judge(&found)
 }
 
-/// Whether all rows could be compared, and the default is the better policy.
+/// Whether all rows were measured and could be compared, and the default is the better policy.
 fn judge(found: &Policies) -> Result<(), Failure> {
+    if !found.failed.is_empty() {
+        return Err(Failure::Run(found.failed.join("; ")));
+    }
     if !found.faults.is_empty() {
         return Err(Failure::Run(format!(
             "no comparison at equal time: {}",
@@ -117,25 +152,30 @@ fn judge(found: &Policies) -> Result<(), Failure> {
     }
 }
 
-fn run_all(args: &PoliciesArgs, scenes: &[Scene]) -> Result<Vec<Row>, Failure> {
-    let stop = stop_flag()?;
-    for scene in scenes {
-        prepare_models(&plan_of(scene, 1)?)?;
-    }
+/// Runs every scene at every F under both policies.
+///
+/// # Errors
+/// The first failure; the rows before it are there.
+fn run_all(
+    args: &PoliciesArgs,
+    scenes: &[Scene],
+    stop: &AtomicBool,
+    rows: &mut Vec<Row>,
+) -> Result<(), Failure> {
     let runs = (scenes.len() * args.slow.len() * POLICIES.len()) as u64 * args.seeds;
     let bar = status_bar(runs);
-    let mut rows = Vec::new();
     for scene in scenes {
         for &slow in &args.slow {
             let mut sums = [Sums::default(), Sums::default()];
             for seed in 1..=args.seeds {
                 bar.set_message(format!("{}, F = {slow}, seed {seed}", scene.name));
                 for (policy, sums) in POLICIES.into_iter().zip(&mut sums) {
+                    check_stop(stop)?;
                     let mut plan = plan_of(scene, seed)?;
                     plan.accuracy.policy = policy;
-                    let is_whole = sums.run(&plan, slow, args.seconds, || is_set(&stop))?;
+                    let is_whole = sums.run(&plan, slow, args.seconds, || is_set(stop))?;
                     if !is_whole {
-                        return Err(Failure::Run("interrupted".to_string()));
+                        return Err(interrupted());
                     }
                     bar.inc(1);
                 }
@@ -149,7 +189,20 @@ fn run_all(args: &PoliciesArgs, scenes: &[Scene]) -> Result<Vec<Row>, Failure> {
         }
     }
     bar.finish_and_clear();
-    Ok(rows)
+    Ok(())
+}
+
+fn interrupted() -> Failure {
+    Failure::Run("interrupted".to_string())
+}
+
+/// # Errors
+/// When the command is to end.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(interrupted());
+    }
+    Ok(())
 }
 
 fn plan_of(scene: &Scene, seed: u64) -> Result<ScenePlan, Failure> {
@@ -183,13 +236,43 @@ mod tests {
     }
 
     fn found(rows: Vec<Row>) -> Policies {
-        Policies {
-            verdict: verdict(&rows),
-            faults: words::faults(&rows),
-            rows,
-            left_out: Vec::new(),
-            default: PolicyPlan::default(),
-        }
+        Policies::of(rows, Vec::new(), Ok(())).expect("nothing failed")
+    }
+
+    #[test]
+    fn a_late_failure_is_said_beside_what_was_measured() {
+        let failure = || Failure::Input("dragon.obj is no mesh".to_string());
+        // All that there is to say, with its status.
+        let none = Policies::of(Vec::new(), Vec::new(), Err(failure()));
+        assert_eq!(none.err(), Some(failure()));
+        let found = Policies::of(rows(), Vec::new(), Err(failure())).expect("rows are there");
+        assert_eq!(found.rows.len(), POLICIES.len());
+        assert!(words::words(&found).contains("dragon.obj is no mesh"));
+        let said = judge(&found).expect_err("not all was measured");
+        assert_eq!(
+            (said.status(), said.to_string()),
+            (1, failure().to_string())
+        );
+    }
+
+    #[test]
+    fn a_command_that_is_to_end_runs_nothing() {
+        let args = PoliciesArgs {
+            slow: vec![1.0],
+            seeds: 1,
+            seconds: 1.0,
+            scenes: SceneArgs {
+                only: Some("terrain-20cm".to_owned()),
+                models: std::path::PathBuf::new(),
+                terrain_faces: 1000,
+            },
+            json: false,
+        };
+        let folder = tempfile::tempdir().expect("a folder");
+        let (scenes, _) = scenes(&args.scenes, folder.path()).expect("the scene is written");
+        let mut rows = Vec::new();
+        let ended = run_all(&args, &scenes, &AtomicBool::new(true), &mut rows);
+        assert_eq!((ended, rows.len()), (Err(interrupted()), 0));
     }
 
     #[test]

@@ -29,6 +29,7 @@ pub fn words(found: &Policies) -> String {
          step: largest change of a force in a period\n\n{table}\n"
     );
     let sentences = found.left_out.iter().chain(&found.faults);
+    let sentences = sentences.chain(&found.failed);
     for sentence in sentences.chain(&unbounded(found)) {
         text += sentence;
         text.push('\n');

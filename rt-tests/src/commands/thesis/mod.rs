@@ -111,7 +111,8 @@ impl Study {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for bad input, 1 when something cannot be measured.
+/// One sentence: status 2 for bad input, 1 when something cannot be measured; the figures that can
+/// are there all the same.
 pub fn thesis(args: &ThesisArgs) -> Result<(), Failure> {
     let chosen = chosen(args.figure.as_deref())?;
     make_folder(&args.out)?;
@@ -125,22 +126,50 @@ pub fn thesis(args: &ThesisArgs) -> Result<(), Failure> {
     if study.models.is_empty() {
         return Err(Failure::Input("no mesh file is given".to_string()));
     }
-    let mut found = Thesis {
+    let (figures, failed) = measure_all(&mut study, &chosen)?;
+    study.line.finish_and_clear();
+    let found = Thesis {
         seed: args.seed,
         models: study.models.iter().map(|of| of.name.clone()).collect(),
-        figures: Vec::new(),
+        figures,
+        failed,
     };
-    for (number, measure) in chosen {
-        study.figure = number;
-        found.figures.push(measure(&study)?);
-    }
-    study.line.finish_and_clear();
-    check_finite(&found)?;
     let page = args.out.join("thesis.html");
     write_whole(&page, page::page(&found, &Machine::read()).as_bytes())?;
     write_json(&args.out.join("thesis.json"), &found)?;
     let words = format!("{}\npage: {}\n", page::words(&found), page.display());
-    print_either(args.json, &words, &found)
+    print_either(args.json, &words, &found)?;
+    if found.failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Run(found.failed.join("; ")))
+}
+
+/// Measures figures: those that came, and of the others why not, a sentence each. One that fails
+/// says nothing of the others.
+///
+/// # Errors
+/// The failure where none came: it is all that there is to say.
+fn measure_all(
+    study: &mut Study,
+    chosen: &[(&'static str, Measure)],
+) -> Result<(Vec<Figure>, Vec<String>), Failure> {
+    let (mut figures, mut failures) = (Vec::new(), Vec::new());
+    for &(number, measure) in chosen {
+        study.figure = number;
+        match measure(study).and_then(finite) {
+            Ok(figure) => figures.push(figure),
+            Err(failure) => failures.push((number, failure)),
+        }
+    }
+    if figures.is_empty()
+        && let Some((_, first)) = failures.first()
+    {
+        return Err(first.clone());
+    }
+    let failed = failures.into_iter();
+    let failed = failed.map(|(number, failure)| format!("{number}: {failure}"));
+    Ok((figures, failed.collect()))
 }
 
 /// The figures that were asked for.
@@ -158,10 +187,10 @@ fn chosen(figure: Option<&str>) -> Result<Vec<(&'static str, Measure)>, Failure>
 }
 
 /// A number that is none is a failure and not a result.
-fn check_finite(found: &Thesis) -> Result<(), Failure> {
-    let all = found.figures.iter().flat_map(|figure| &figure.series);
-    match all.into_iter().find(|series| !series.ours.is_finite()) {
-        None => Ok(()),
+fn finite(figure: Figure) -> Result<Figure, Failure> {
+    let mut series = figure.series.iter();
+    match series.find(|series| !series.ours.is_finite()) {
+        None => Ok(figure),
         Some(series) => Err(Failure::Run(format!("{} is no number", series.name))),
     }
 }
@@ -169,6 +198,48 @@ fn check_finite(found: &Thesis) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A figure of one number.
+    fn figure(ours: f64) -> Figure {
+        Figure {
+            figure: "4.7",
+            title: "made up",
+            series: vec![Series::new("ours", "", ours)],
+            says: "Nothing.".to_string(),
+            quotes: Vec::new(),
+            charts: Vec::new(),
+            names: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_figure_that_fails_leaves_the_others() {
+        let mut study = Study {
+            models: Vec::new(),
+            seed: 1,
+            line: ProgressBar::hidden(),
+            figure: "",
+        };
+        let good: (&str, Measure) = ("4.7", |_| Ok(figure(1.0)));
+        let refused: (&str, Measure) = ("4.8", |_| Err(Failure::Input("no region".to_string())));
+        let no_number: (&str, Measure) = ("5.8", |_| Ok(figure(f64::NAN)));
+        let found = measure_all(&mut study, &[refused, good, no_number]);
+        let (figures, failed) = found.unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(figures.len(), 1);
+        assert_eq!(failed, ["4.8: no region", "5.8: ours is no number"]);
+        let found = Thesis {
+            seed: 1,
+            models: Vec::new(),
+            figures,
+            failed,
+        };
+        let text = page::words(&found);
+        assert!(text.contains("made up") && text.contains("failed: 4.8: no region"));
+        assert!(page::page(&found, &Machine::read()).contains("5.8: ours is no number"));
+        // All that there is to say, with its status.
+        let none = measure_all(&mut study, &[refused, no_number]);
+        assert_eq!(none.err(), Some(Failure::Input("no region".to_string())));
+    }
 
     #[test]
     fn a_figure_is_chosen_by_its_number() {

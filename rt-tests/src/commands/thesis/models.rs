@@ -100,37 +100,60 @@ impl StudyModel {
 }
 
 /// Opens the models of some files and folders, in the order of Table 4.1, then the others; the
-/// sphere is generated where none is given.
+/// sphere is generated where none is given. Says which file became which.
 ///
 /// # Errors
 /// One sentence that names the file.
 pub fn open_all(paths: &[PathBuf]) -> Result<Vec<StudyModel>, Failure> {
-    let mut typed: Vec<(String, Option<&'static Published>)> = Vec::new();
-    let mut rest: Vec<PathBuf> = Vec::new();
+    let colors = COLORS.into_iter().cycle();
+    let opened = choose(paths)?.into_iter().zip(colors);
+    opened
+        .map(|((typed, row), color)| {
+            match row {
+                Some(row) => eprintln!("{} of Table 4.1: {typed}", row.name),
+                None => eprintln!("not of Table 4.1: {typed}"),
+            }
+            StudyModel::open(typed, row, color)
+        })
+        .collect()
+}
+
+/// A model as it is typed, and its row of the table, if it has one.
+type Typed = (String, Option<&'static Published>);
+
+/// The models of Table 4.1 among some files and those of some folders, and what else was named: of
+/// a folder only the table's are taken.
+///
+/// # Errors
+/// One sentence that names the file.
+fn choose(paths: &[PathBuf]) -> Result<Vec<Typed>, Failure> {
     let mut given: Vec<PathBuf> = Vec::new();
     for path in paths {
         if path.is_dir() {
             given.extend(mesh_files(path)?);
-        } else if TABLE.iter().any(|row| is_of(path, row)) {
-            given.push(path.clone());
         } else {
-            rest.push(path.clone());
+            given.push(path.clone());
         }
     }
+    let mut chosen: Vec<&PathBuf> = Vec::new();
+    let mut typed: Vec<Typed> = Vec::new();
     for row in &TABLE {
-        let own: Vec<&PathBuf> = given.iter().filter(|path| is_of(path, row)).collect();
+        let is_free = |path: &&PathBuf| is_of(path, row) && !chosen.contains(path);
+        let own: Vec<&PathBuf> = given.iter().filter(is_free).collect();
         match nearest(&own, row)? {
-            Some(path) => typed.push((path.display().to_string(), Some(row))),
+            Some(path) => {
+                chosen.push(path);
+                typed.push((path.display().to_string(), Some(row)));
+            }
             None if row.name == "sphere" => typed.push((SPHERE.to_string(), Some(row))),
             None => {}
         }
     }
-    typed.extend(rest.iter().map(|path| (path.display().to_string(), None)));
-    let colors = COLORS.into_iter().cycle();
-    let opened = typed.into_iter().zip(colors);
-    opened
-        .map(|((typed, row), color)| StudyModel::open(typed, row, color))
-        .collect()
+    let rest = paths
+        .iter()
+        .filter(|path| !path.is_dir() && !chosen.contains(path));
+    typed.extend(rest.map(|path| (path.display().to_string(), None)));
+    Ok(typed)
 }
 
 /// Mesh files of a folder, by name.
@@ -147,10 +170,13 @@ fn mesh_files(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
     Ok(files)
 }
 
-/// Whether a file is named after a row of the table.
+/// Whether a file is named after a row of the table: one of the words of its name is the row's. A
+/// word ends where the letters do, so that a number may follow.
 fn is_of(path: &Path, row: &Published) -> bool {
     let stem = path.file_stem().unwrap_or_default().to_string_lossy();
-    stem.to_lowercase().contains(row.name)
+    let stem = stem.to_lowercase();
+    let mut words = stem.split(|c: char| !c.is_alphabetic());
+    words.any(|word| word == row.name)
 }
 
 /// Of several files the one whose vertices are nearest in number to those of the row.
@@ -230,6 +256,8 @@ pub fn table(models: &[StudyModel]) -> Figure {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use spm_builder::generate::{Shape, generate};
+    use spm_builder::write_mesh;
 
     #[test]
     fn the_thesis_counts_records_as_vertices_less_those_of_the_base_mesh() {
@@ -241,7 +269,10 @@ mod tests {
     #[test]
     fn files_are_known_by_their_names_and_the_sphere_is_made_where_none_is_given() {
         assert!(is_of(Path::new("a/Stanford-Bunny.obj"), &TABLE[2]));
+        assert!(is_of(Path::new("bunny20k.obj"), &TABLE[2]));
         assert!(!is_of(Path::new("bunny/cow.obj"), &TABLE[2]));
+        assert!(!is_of(Path::new("hemisphere.obj"), &TABLE[0]));
+        assert!(!is_of(Path::new("cowboy.obj"), &TABLE[1]));
         let models = open_all(&[]).unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(models.len(), 1);
         let series = table(&models).series;
@@ -249,5 +280,50 @@ mod tests {
         // 4096 or a few more, from the generator's rings.
         assert!((4000.0..4300.0).contains(&series[0].ours), "{series:?}");
         assert!(open_all(&[PathBuf::from("missing/dragon.obj")]).is_err());
+    }
+    #[test]
+    fn a_file_that_was_named_is_measured_if_not_as_a_row_then_as_itself() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = |name: &str| folder.path().join(name);
+        for (name, faces) in [
+            ("hemisphere.obj", 500),
+            ("cow-left.obj", 500),
+            ("cow-right.obj", 5000),
+        ] {
+            let mesh = generate(Shape::Relief, faces, 1);
+            write_mesh(&mesh, &path(name)).expect("it is written");
+        }
+        let chosen = |names: &[&str]| {
+            let paths: Vec<PathBuf> = names.iter().map(|name| path(name)).collect();
+            let chosen = choose(&paths).unwrap_or_else(|error| panic!("{error}"));
+            let name = |typed: &str| match Path::new(typed).file_name() {
+                Some(name) => name.to_string_lossy().into_owned(),
+                None => typed.to_string(),
+            };
+            let chosen = chosen.iter();
+            let chosen = chosen.map(|(typed, row)| (name(typed), row.map(|row| row.name)));
+            chosen.collect::<Vec<_>>()
+        };
+        let of = |typed: &str, row: Option<&'static str>| (typed.to_string(), row);
+        let sphere = of(SPHERE, Some("sphere"));
+        // The cow with the vertices nearest to the table's 2904.
+        let cow = of("cow-right.obj", Some("cow"));
+        assert_eq!(
+            chosen(&["hemisphere.obj", "cow-left.obj", "cow-right.obj"]),
+            [
+                sphere.clone(),
+                cow.clone(),
+                of("hemisphere.obj", None),
+                of("cow-left.obj", None),
+            ]
+        );
+        // Of a folder only the table's.
+        assert_eq!(chosen(&[""]), [sphere.clone(), cow]);
+        // One that was named beside its folder is there once.
+        let left = of("cow-left.obj", None);
+        assert_eq!(
+            chosen(&["", "cow-left.obj"]),
+            [sphere, of("cow-right.obj", Some("cow")), left]
+        );
     }
 }

@@ -66,6 +66,9 @@ pub fn words(found: &Thesis) -> String {
             figure.says
         );
     }
+    for failed in &found.failed {
+        let _ = writeln!(text, "\nfailed: {failed}");
+    }
     text
 }
 
@@ -104,6 +107,9 @@ pub fn page(found: &Thesis, machine: &Machine) -> String {
             "<details><summary>numbers</summary>{}</details>",
             table(figure).html()
         );
+    }
+    for failed in &found.failed {
+        let _ = writeln!(html, "<p class=\"bad\">Failed: {}</p>", escaped(failed));
     }
     let _ = writeln!(
         html,

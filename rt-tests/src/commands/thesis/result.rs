@@ -78,4 +78,6 @@ pub struct Thesis {
     pub models: Vec<String>,
     /// The figures.
     pub figures: Vec<Figure>,
+    /// What came to no figure, each with its number and the reason.
+    pub failed: Vec<String>,
 }

@@ -7,7 +7,8 @@
 //! touched for seconds without a break by a hand that takes no energy; the stiffest wall that then
 //! has put out no more than the device damps is the limit. In theory that is `b / (T/2 + n T)`, for
 //! damping b, period T and n ticks of delay (Colgate 1994, Gil 2009); a limit of the device that
-//! lies further above than it may is a failure. The energy account is off for that; how far it
+//! lies further above than it may is a failure, and so is one of 0 where the device has damping:
+//! then every wall that was tried put energy out. The energy account is off for that; how far it
 //! reaches beyond is simulated too.
 
 mod long_run;
@@ -20,7 +21,7 @@ use crate::processes::roles::LoopArgs;
 use crate::processes::stamped_device::{NAME, read_stamps};
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{make_folder, print_either, write_whole};
-use crate::scenes::{SceneFile, check_seconds, prepare_models};
+use crate::scenes::{SceneFile, check_seconds, path_in_toml, prepare_models};
 use clap::Args;
 use hrtc::result::Finished;
 use long_run::{Loaded, Wall, holds, torsion_per_stiffness};
@@ -126,9 +127,9 @@ pub struct Limit {
 }
 
 impl Zwidth {
-    /// Names of the device's limits that lie further above theory than they may.
-    fn beyond(&self) -> Vec<&'static str> {
-        let limits = [
+    /// The device's limits by name: simulated, in theory, and the uncertainty of theory.
+    fn limits(&self) -> [(&'static str, [f64; 3]); 2] {
+        [
             (
                 "k_max_measured",
                 [
@@ -145,22 +146,46 @@ impl Zwidth {
                     self.k_max_torsion_uncertainty,
                 ],
             ),
-        ];
-        let beyond = limits.into_iter().filter(|(_, of)| is_beyond(*of));
-        beyond.map(|(name, _)| name).collect()
+        ]
     }
 
-    /// Whether no limit lies further above theory than it may.
+    /// Names of the limits of which this holds.
+    fn named(&self, of: fn([f64; 3]) -> bool) -> Vec<&'static str> {
+        let limits = self.limits().into_iter().filter(|(_, limit)| of(*limit));
+        limits.map(|(name, _)| name).collect()
+    }
+
+    /// Names of the device's limits that lie further above theory than they may.
+    fn beyond(&self) -> Vec<&'static str> {
+        self.named(is_beyond)
+    }
+
+    /// Whether there is a limit where theory has one, and none lies further above theory than it
+    /// may.
     fn judge(&self) -> Result<(), Failure> {
-        let beyond = self.beyond();
-        if beyond.is_empty() {
+        let mut wrong = Vec::new();
+        for (names, what) in [
+            (self.beyond(), "further above theory than its uncertainty"),
+            (
+                self.named(is_missing),
+                "no wall that was tried kept its energy, and theory has one",
+            ),
+        ] {
+            if !names.is_empty() {
+                wrong.push(format!("{what}: {}", names.join(", ")));
+            }
+        }
+        if wrong.is_empty() {
             return Ok(());
         }
-        Err(Failure::Run(format!(
-            "further above theory than its uncertainty: {}",
-            beyond.join(", ")
-        )))
+        Err(Failure::Run(wrong.join("; ")))
     }
+}
+
+/// Whether no wall was found where theory has one: the device has damping. What is no number is
+/// said to be beyond.
+fn is_missing([simulated, theory, _]: [f64; 3]) -> bool {
+    theory > 0.0 && simulated <= 0.0
 }
 
 /// Whether a simulated limit lies above theory by more than its uncertainty. What is no number
@@ -173,29 +198,31 @@ fn is_beyond([simulated, theory, uncertainty]: [f64; 3]) -> bool {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence, with its status; status 1 when a limit lies further above theory than it may.
+/// One sentence, with its status; status 1 when a limit lies further above theory than it may, or
+/// there is none.
 pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
+    // Before the first file in a temporary folder: an end on request removes it.
+    let stop = stop_flag()?;
     let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
     let plan = load(scene.path(), &args.overrides.overrides(), &DiskFiles)?;
     make_folder(&args.out)?;
     prepare_models(&plan)?;
+    check_stop(&stop)?;
     eprintln!("period and delay are measured for {} s", args.seconds);
     let mut show = |shown: Shown| {
         if let Shown::Said(who, line) = shown {
             eprintln!("{who}: {line}");
         }
     };
-    let stop = stop_flag()?;
-    let scene = scene.path();
-    let (measured, _) = measure(scene, &plan, &args.overrides, args.seconds, &mut show)?;
+    let (scene, seconds) = (scene.path(), args.seconds);
+    let (measured, _) = measure_until(scene, &plan, &args.overrides, seconds, &mut show, &stop)?;
     eprintln!("the walls are simulated");
     let device = &plan.probes[0].device;
     let found = Zwidth {
         curve: curve(&measured, device, &stop)?,
-        ..simulate(measured, device)?
+        ..simulate(measured, device, &stop)?
     };
-    check_stop(&stop)?;
     let picture = args.out.join("zwidth.svg");
     write_whole(&picture, words::draw(&found).as_bytes())?;
     let words = format!("{}picture: {}\n", words::words(&found), picture.display());
@@ -224,18 +251,25 @@ pub(super) fn measure(
     seconds: f64,
     show: &mut dyn FnMut(Shown),
 ) -> Result<(RealLoop, Finished), Failure> {
+    measure_until(scene, plan, overrides, seconds, show, &*stop_flag()?)
+}
+
+/// The same, ended by a flag.
+fn measure_until(
+    scene: &Path,
+    plan: &ScenePlan,
+    overrides: &OverrideArgs,
+    seconds: f64,
+    show: &mut dyn FnMut(Shown),
+    stop: &AtomicBool,
+) -> Result<(RealLoop, Finished), Failure> {
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let [device, stamps] = ["device.toml", "stamps"].map(|name| folder.path().join(name));
     let whole = std::path::absolute(scene)
         .map_err(|error| Failure::Input(format!("{}: {error}", scene.display())))?;
-    let table = format!(
-        "[device.custom]\nname = {NAME:?}\nscene = {:?}\nstamps = {:?}\n",
-        whole.display().to_string(),
-        stamps.display().to_string()
-    );
     let wrong = |error: std::io::Error| Failure::write_at(Chosen::Temporary, &device, &error);
-    std::fs::write(&device, table).map_err(wrong)?;
+    std::fs::write(&device, stamped_device(&whole, &stamps)?).map_err(wrong)?;
     let pair = PairArgs {
         scene,
         plan,
@@ -245,9 +279,8 @@ pub(super) fn measure(
         record: None,
         device: Some(&device),
     };
-    let stop = stop_flag()?;
-    let outcome = run_pair(&pair, &stop, show);
-    check_stop(&stop)?;
+    let outcome = run_pair(&pair, stop, show);
+    check_stop(stop)?;
     let outcome = outcome?;
     outcome.check_finite()?;
     let finished = outcome.undisturbed()?;
@@ -256,11 +289,27 @@ pub(super) fn measure(
     Ok((RealLoop::of(&stamps)?, finished))
 }
 
+/// The file of the device with stamps, for a scene.
+///
+/// # Errors
+/// When a path is not UTF-8.
+fn stamped_device(scene: &Path, stamps: &Path) -> Result<String, Failure> {
+    Ok(format!(
+        "[device.custom]\nname = {NAME:?}\nscene = {}\nstamps = {}\n",
+        path_in_toml(scene)?,
+        path_in_toml(stamps)?
+    ))
+}
+
 /// Finds the limits of a loop and a device.
 ///
 /// # Errors
-/// When a wall cannot be served.
-fn simulate(measured: RealLoop, device: &SimulatedDevicePlan) -> Result<Zwidth, Failure> {
+/// When a wall cannot be served, or the command is to end.
+fn simulate(
+    measured: RealLoop,
+    device: &SimulatedDevicePlan,
+    stop: &AtomicBool,
+) -> Result<Zwidth, Failure> {
     let rotation = device
         .rotation
         .unwrap_or_else(|| DeviceRotationPlan::of_handle(device));
@@ -282,21 +331,21 @@ fn simulate(measured: RealLoop, device: &SimulatedDevicePlan) -> Result<Zwidth, 
         ..own
     };
     Ok(Zwidth {
-        k_max_measured: stiffest(&own, 1.0)?,
+        k_max_measured: stiffest(&own, 1.0, stop)?,
         k_max_theory: own.theory(),
         k_max_uncertainty: uncertainty(&own),
         period_s: measured.period_s,
         delay_ticks: measured.delay_ticks(),
         damping: own.damping,
-        k_max_torsion_measured: stiffest(&slot, torsion)?,
+        k_max_torsion_measured: stiffest(&slot, torsion, stop)?,
         k_max_torsion_theory: slot.theory(),
         k_max_torsion_uncertainty: uncertainty(&slot),
         damping_torsion: slot.damping,
         mass_kg: own.inertia,
         inertia_kgm2: slot.inertia,
         k_max_longest_period_theory: longest.theory(),
-        k_max_with_account: stiffest_with_account(&own, 1.0)?,
-        k_max_torsion_with_account: stiffest_with_account(&slot, torsion)?,
+        k_max_with_account: stiffest_with_account(&own, 1.0, stop)?,
+        k_max_torsion_with_account: stiffest_with_account(&slot, torsion, stop)?,
         measured,
         simulated: [
             "k_max_measured",
@@ -319,11 +368,10 @@ fn curve(
     stop: &AtomicBool,
 ) -> Result<Vec<Limit>, Failure> {
     let limit = |damping: f64| {
-        check_stop(stop)?;
         let loaded = plate(measured, device, damping);
         Ok(Limit {
             damping,
-            k_max_measured: stiffest(&loaded, 1.0)?,
+            k_max_measured: stiffest(&loaded, 1.0, stop)?,
             k_max_theory: loaded.theory(),
             k_max_uncertainty: uncertainty(&loaded),
         })
@@ -357,13 +405,17 @@ fn uncertainty(loaded: &Loaded) -> f64 {
 }
 
 /// The stiffest wall that puts no energy out without the account; a surface of 1 N/m is a wall of
-/// `a_unit`. 0 where a device without damping has none.
-fn stiffest(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
+/// `a_unit`. 0 where even theory's limit over 2 to the ninth puts energy out, and for a device
+/// without damping, which has none.
+fn stiffest(loaded: &Loaded, a_unit: f64, stop: &AtomicBool) -> Result<f64, Failure> {
     let theory = loaded.theory();
     if theory <= 0.0 {
         return Ok(0.0);
     }
-    let is_passive = |stiffness: f64| holds(loaded, [stiffness / a_unit, stiffness], false);
+    let is_passive = |stiffness: f64| {
+        check_stop(stop)?;
+        holds(loaded, [stiffness / a_unit, stiffness], false)
+    };
     let (mut low, mut high) = (theory / AROUND, theory * AROUND);
     let mut found = is_passive(low)?;
     for _ in 0..MAX_DOUBLINGS {
@@ -394,8 +446,11 @@ fn stiffest(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
 }
 
 /// The same with the account, by doubling.
-fn stiffest_with_account(loaded: &Loaded, a_unit: f64) -> Result<f64, Failure> {
-    let is_passive = |stiffness: f64| holds(loaded, [stiffness / a_unit, stiffness], true);
+fn stiffest_with_account(loaded: &Loaded, a_unit: f64, stop: &AtomicBool) -> Result<f64, Failure> {
+    let is_passive = |stiffness: f64| {
+        check_stop(stop)?;
+        holds(loaded, [stiffness / a_unit, stiffness], true)
+    };
     stiffest_by_doubling(loaded.theory(), is_passive)
 }
 
@@ -417,85 +472,4 @@ fn stiffest_by_doubling(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn loop_of(period_s: f64, whole_ticks: usize, work_s: f64) -> RealLoop {
-        RealLoop {
-            period_s,
-            longest_period_s: period_s,
-            whole_ticks,
-            work_s,
-            work_p99_s: work_s,
-            stamps: 1,
-        }
-    }
-
-    #[test]
-    fn the_first_wall_with_the_account_is_tried_too() {
-        let up_to = |most: f64| stiffest_by_doubling(100.0, |stiffness| Ok(stiffness <= most));
-        assert_eq!(up_to(10.0), Ok(0.0));
-        assert_eq!(up_to(50.0), Ok(50.0));
-        assert_eq!(up_to(500.0), Ok(400.0));
-        // A device without damping has no limit in theory, and no wall is tried.
-        let untried = stiffest_by_doubling(0.0, |_| Err(Failure::Run("tried".to_string())));
-        assert_eq!(untried, Ok(0.0));
-    }
-
-    #[test]
-    fn a_command_that_is_to_end_says_so() {
-        let device = SimulatedDevicePlan::default();
-        let stop = AtomicBool::new(true);
-        let ended = curve(&loop_of(1e-3, 0, 0.0), &device, &stop);
-        let ended = ended.map(|limits| limits.len());
-        assert_eq!(ended, Err(Failure::Run("ended on request".to_string())));
-    }
-
-    #[test]
-    fn a_limit_above_theory_and_its_uncertainty_is_beyond() {
-        assert!(!is_beyond([990.0, 1000.0, 5.0]) && !is_beyond([1005.0, 1000.0, 5.0]));
-        assert!(is_beyond([1006.0, 1000.0, 5.0]));
-        for k in 0..3 {
-            let mut of = [990.0, 1000.0, 5.0];
-            of[k] = f64::NAN;
-            assert!(is_beyond(of), "{of:?}");
-        }
-    }
-
-    /// Against moving and against turning; without delay, and with part of a tick.
-    #[test]
-    fn the_limit_is_that_of_theory_within_its_uncertainty() {
-        for of in [loop_of(1e-3, 0, 0.0), loop_of(5e-4, 0, 1e-4)] {
-            let found = simulate(of, &SimulatedDevicePlan::default()).expect("the walls are there");
-            for [measured, theory, uncertainty] in [
-                [
-                    found.k_max_measured,
-                    found.k_max_theory,
-                    found.k_max_uncertainty,
-                ],
-                [
-                    found.k_max_torsion_measured,
-                    found.k_max_torsion_theory,
-                    found.k_max_torsion_uncertainty,
-                ],
-            ] {
-                println!("{measured} {theory} {uncertainty}");
-                assert!(measured <= theory + uncertainty, "{found:?}");
-                assert!(measured >= 0.99 * theory, "{found:?}");
-                assert!(uncertainty < 0.05 * theory, "{found:?}");
-            }
-            assert_eq!(found.judge(), Ok(()));
-            // The account takes a force to act at once.
-            assert!(
-                of.work_s > 0.0 || found.k_max_with_account > 4.0 * found.k_max_theory,
-                "{found:?}"
-            );
-            let above = Zwidth {
-                k_max_torsion_measured: 2.0 * found.k_max_torsion_theory,
-                ..found
-            };
-            assert_eq!(above.beyond(), ["k_max_torsion_measured"]);
-            assert!(above.judge().is_err());
-        }
-    }
-}
+mod tests;

@@ -7,20 +7,16 @@ use crate::report::quantile::Quantiles;
 /// Numbers of the kind that a run gives, on so many models.
 fn found(models: usize) -> Accuracy {
     let mut found = Accuracy {
-        seed: 1,
-        seconds: 5.0,
-        size_m: 0.15,
-        speed_m_per_s: 0.1,
         pass: true,
-        points: Vec::new(),
-        bytes: Vec::new(),
         checks: vec![Check {
             model: "a<b".to_string(),
             name: "one & all".to_string(),
             pass: true,
             worst: 0.0,
             limit: 1e-9,
+            compared: true,
         }],
+        ..Accuracy::new(1, 5.0, 0.15, 0.1)
     };
     for model in 0..models {
         let name = format!("a<b{model}");
@@ -92,6 +88,24 @@ fn what_was_never_reached_is_not_said_to_cost_nothing() {
     found.bytes[0].local_full_bytes = 2 << 20;
     let text = page(&found, &machine);
     assert!(text.contains("has needed 1.0 MiB to 2.0 MiB;"));
+}
+
+#[test]
+fn what_failed_is_on_the_page_and_a_check_of_nothing_does_not_hold() {
+    let machine = Machine::read();
+    let mut found = found(1);
+    assert!(page(&found, &machine).contains("1 of 1 hold."));
+    found.checks[0].compared = false;
+    found
+        .failed
+        .push("the tour of <b> touches nothing".to_string());
+    let text = page(&found, &machine);
+    assert!(
+        text.contains("0 of 1 hold, 1 had nothing to compare."),
+        "{text}"
+    );
+    assert!(text.contains("Failed: the tour of &lt;b&gt; touches nothing."));
+    assert!(text.contains("<td>nothing to compare") && !text.contains("<td>holds"));
 }
 
 #[test]
