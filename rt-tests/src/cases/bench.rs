@@ -42,6 +42,19 @@ pub struct Response {
     pub record: CoreRecord,
 }
 
+/// Share of stiffness times depth with which a probe in contact is pushed at the least, where all
+/// of it is paid for: a tool that turns away from what it touches has less than a ball.
+const PUSHED_SHARE: f64 = 0.1;
+
+impl Response {
+    /// Whether it pushes, by about what is due: where nothing does, no change of force is seen.
+    #[must_use]
+    pub fn pushes(&self, setup: &Setup) -> bool {
+        let due = setup.stiffness_n_per_m * self.record.depth_m;
+        due > 0.0 && self.force.length() >= PUSHED_SHARE * due
+    }
+}
+
 /// The bytes of the SPM file of a mesh; `whole`: the base mesh is the full mesh.
 ///
 /// # Errors
@@ -461,4 +474,33 @@ fn station(plan: &ScenePlan, bytes: &[u8], incarnation: u64) -> Result<Station<V
     let file = SpmFile::open(bytes.to_vec()).map_err(damaged)?;
     let served = ServedModel { name, file };
     Ok(Station::new(incarnation, vec![served], vec![object]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_contact_without_a_force_does_not_push() {
+        let setup = Setup::default();
+        let of = |force_n: f64, depth_m: f64| Response {
+            force: DVec3::Z * force_n,
+            torque: DVec3::ZERO,
+            proxy: DVec3::ZERO,
+            record: CoreRecord {
+                depth_m,
+                ..CoreRecord::default()
+            },
+        };
+        assert!(of(1.0, 1e-3).pushes(&setup) && of(0.3, 1e-3).pushes(&setup));
+        for (force_n, depth_m) in [
+            (0.0, 1e-3),
+            (0.05, 1e-3),
+            (0.0, 0.0),
+            (f64::NAN, 1e-3),
+            (1.0, f64::NAN),
+        ] {
+            assert!(!of(force_n, depth_m).pushes(&setup), "{force_n} {depth_m}");
+        }
+    }
 }

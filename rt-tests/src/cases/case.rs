@@ -132,8 +132,10 @@ pub struct Logged {
 /// What a case came to.
 #[derive(Debug, Clone)]
 pub struct Found {
-    /// The worst value seen; infinite where something was no number.
+    /// The worst value seen; infinite where something was no number, or what must happen did not.
     pub value: f64,
+    /// The worst that was measured, whatever must happen beside it.
+    measured: f64,
     /// Measurements made.
     pub passes: u64,
     /// Other numbers.
@@ -146,6 +148,7 @@ impl Found {
     pub fn new(value: f64) -> Self {
         Self {
             value,
+            measured: value,
             passes: 0,
             logged: Vec::new(),
         }
@@ -155,20 +158,31 @@ impl Found {
     pub fn most(&mut self, value: f64) {
         let value = if value.is_nan() { f64::INFINITY } else { value };
         self.value = self.value.max(value);
+        self.measured = self.measured.max(value);
         self.passes += 1;
     }
 
-    /// Without a touch, or whatever else must happen, nothing was shown.
+    /// Without a touch, or whatever else must happen, nothing was shown. That is no measure:
+    /// [`Found::measured`] does not know of it.
     pub fn must(&mut self, happened: bool) {
         if !happened {
-            self.most(f64::INFINITY);
+            self.value = f64::INFINITY;
+            self.passes += 1;
         }
+    }
+
+    /// The worst that was measured; infinite where it was no number.
+    #[must_use]
+    pub fn measured(&self) -> f64 {
+        self.measured
     }
 
     /// What is not right is counted. Ask for what is right: a comparison with what is no number is
     /// false.
     pub fn right(&mut self, is_right: bool) {
-        self.value += f64::from(u8::from(!is_right));
+        let wrong = f64::from(u8::from(!is_right));
+        self.value += wrong;
+        self.measured += wrong;
         self.passes += 1;
     }
 
@@ -186,4 +200,22 @@ impl Found {
 #[must_use]
 pub fn positive(x: f64) -> f64 {
     if x < 0.0 { 0.0 } else { x }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_must_happen_and_does_not_fails_a_case_and_is_no_measure() {
+        let mut found = Found::new(0.0);
+        found.most(0.5);
+        found.must(false);
+        assert_eq!([found.value, found.measured()], [f64::INFINITY, 0.5]);
+        found.right(false);
+        assert_eq!([found.value, found.measured()], [f64::INFINITY, 1.5]);
+        found.most(f64::NAN);
+        assert_eq!([found.value, found.measured()], [f64::INFINITY; 2]);
+        assert_eq!(found.passes, 4);
+    }
 }

@@ -438,6 +438,8 @@ fn magnet_loop(
             0.5 * (4.0 * force * setup.stiffer() / reach * (1.0 - 2.0 * share)) * (b - a) * (b - a)
         });
         found.most(direction.energy / leak.sum::<f64>());
+        // Down and up again; the mean of the force is at least two thirds of the whole.
+        found.must(direction.work >= force * setup.stiffer() * high);
     }
     Ok(found)
 }
@@ -551,4 +553,34 @@ fn boundary(
         }
     }
     Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::case::Size;
+    use super::*;
+    use rand::SeedableRng;
+    use rand_xoshiro::Xoshiro256PlusPlus;
+
+    #[test]
+    fn a_magnet_that_does_not_pull_does_not_pass() {
+        let size = Size {
+            full: false,
+            rate_hz: 1e3,
+        };
+        // Once with the plate out of reach.
+        for (height, is_there) in [(0.0, true), (-1.0, false)] {
+            let found = magnet_loop(Trial {
+                size: &size,
+                random: &mut Xoshiro256PlusPlus::seed_from_u64(1),
+                defaults: Setup {
+                    pose: Pose::at(DVec3::Z * height),
+                    ..Setup::default()
+                },
+            })
+            .unwrap();
+            assert_eq!(found.value.is_finite(), is_there, "{}", found.value);
+            assert!(found.measured() <= 1.1, "{}", found.measured());
+        }
+    }
 }

@@ -8,6 +8,7 @@
 //! | file | cases |
 //! |---|---|
 //! | `walls` | energy, onset and creep of the force, the encoder |
+//! | `missed` | ticks that are missed in contact |
 //! | `sheets` | nothing is passed: thin, sharp, broken, or coarse |
 //! | `corners` | ridges, valleys, tips and corners |
 //! | `effects`, `toggles` | friction, texture, fields: energy, drift, switching |
@@ -17,7 +18,8 @@
 //! | `refinement` | splits and collapses under the probe |
 //! | `station` | a station that goes away, a cache that is too small |
 //! | `disturbances` | jumps, spikes, noise, another scale, a second run |
-//! | `tools` | a tool in holes, slots, grooves and between sheets |
+//! | `fits` | a tool in what it fits: holes, slots, threads |
+//! | `tools` | a tool in grooves and pits, on plates and edges, between sheets |
 //! | [`mod@bench`], [`mod@setup`], [`mod@device`], `shapes`, `tool_shapes` | a controller that touches one mesh; meshes |
 //! | [`contender`] | other proxies in place of the product's |
 //! | `changes` | changes of a force, and what is not felt of them |
@@ -32,8 +34,10 @@ mod corners;
 pub mod device;
 mod disturbances;
 mod effects;
+mod fits;
 mod fronts;
 pub mod held_tool;
+mod missed;
 mod motion;
 mod refinement;
 mod rotation;
@@ -49,8 +53,9 @@ pub mod walls;
 pub use case::{Case, Found, ProbeOfCase, Size, Trial};
 
 /// The cases of every file, in the order of the table.
-const ALL: [&[Case]; 12] = [
+const ALL: [&[Case]; 14] = [
     walls::CASES,
+    missed::CASES,
     sheets::CASES,
     corners::CASES,
     disturbances::CASES,
@@ -60,6 +65,7 @@ const ALL: [&[Case]; 12] = [
     effects::CASES,
     toggles::CASES,
     motion::CASES,
+    fits::CASES,
     tools::CASES,
     rotation::CASES,
 ];

@@ -134,9 +134,12 @@ fn driven(linear: DVec3, angular: DVec3) -> MovablePlan {
 
 /// Counts what a probe at a place of the world must not feel while a plate in z = 0 of its own axes
 /// moves.
+#[derive(Default)]
 struct Watch {
     /// Whether the last tick had no force though one was due.
     gap: bool,
+    /// Whether there ever was a force: where nothing is met, nothing is shown.
+    touched: bool,
 }
 
 impl Watch {
@@ -151,6 +154,7 @@ impl Watch {
         let keeps = out >= 0.5 * radius;
         // Whatever is due within rounding is due.
         let is_pushed = response.force.dot(pose.orientation * DVec3::Z) > 0.0;
+        self.touched |= is_pushed;
         let none = depth > 1e-6 * radius && !is_pushed;
         let gap = std::mem::replace(&mut self.gap, none) && none;
         (!keeps || gap, response.force)
@@ -197,26 +201,69 @@ fn met(
             movable: Some(driven((DVec3::Z + across) * speed, DVec3::ZERO)),
             ..defaults
         };
-        let mut bench = Bench::new(sheet, setup)?;
-        let period = bench.period_s();
         // Far enough to have the model there, which takes some ticks, and then some phase of a
         // tick.
         let ticks = setup.ticks(60) as f64 + unit(random);
-        let far = speed * period * ticks + setup.radius_m;
-        let place = home.transform_point(DVec3::Z * far);
-        let mut mass = FreeMass::new(place, DVec3::ZERO, period, 0.0);
-        let (mut watch, mut force, mut at) = (Watch { gap: false }, DVec3::ZERO, place);
-        for tick in 0..setup.ticks(120) {
-            if is_free {
-                at = mass.advance(force);
-            }
-            let (wrong, response) = watch.is_wrong(&mut bench, at);
-            force = response;
-            if tick > setup.ticks(40) {
-                found.right(!wrong);
-            }
+        let far = speed / setup.rate_hz * ticks + setup.radius_m;
+        met_once(sheet, (setup, is_free), far, found)?;
+    }
+    Ok(())
+}
+
+/// A plate that moves as it is set up, and a probe so far over where it begins, metres.
+fn met_once(
+    sheet: &[u8],
+    (setup, is_free): (Setup, bool),
+    far: f64,
+    found: &mut Found,
+) -> Result<(), Failure> {
+    let mut bench = Bench::new(sheet, setup)?;
+    let place = setup.pose.transform_point(DVec3::Z * far);
+    let mut mass = FreeMass::new(place, DVec3::ZERO, bench.period_s(), 0.0);
+    let (mut watch, mut force, mut at) = (Watch::default(), DVec3::ZERO, place);
+    for tick in 0..setup.ticks(120) {
+        if is_free {
+            at = mass.advance(force);
+        }
+        let (wrong, response) = watch.is_wrong(&mut bench, at);
+        force = response;
+        if tick > setup.ticks(40) {
+            found.right(!wrong);
         }
     }
+    found.must(watch.touched);
+    Ok(())
+}
+
+/// A paddle that turns about an axis in its plane, twice, and a probe that it comes to.
+fn paddle(
+    sheet: &[u8],
+    defaults: Setup,
+    random: &mut Xoshiro256PlusPlus,
+    found: &mut Found,
+) -> Result<(), Failure> {
+    let home = turned(random);
+    let angle = 6.0 * unit(random);
+    let axis = DVec3::new(angle.cos(), angle.sin(), 0.0);
+    let setup = Setup {
+        pose: home,
+        movable: Some(driven(DVec3::ZERO, axis * 10.0)),
+        ..defaults
+    };
+    let mut bench = Bench::new(sheet, setup)?;
+    // Ahead of the side that comes up, so that it is met from above.
+    let arm = axis.cross(DVec3::Z) * (0.03 + 0.04 * unit(random));
+    let up = DQuat::from_axis_angle(axis, 0.6 + 0.4 * unit(random));
+    let place = home.transform_point(up * -arm);
+    let mut watch = Watch::default();
+    let mut above = false;
+    for tick in 0..setup.ticks(1250) {
+        let (wrong, _) = watch.is_wrong(&mut bench, place);
+        let beside = bench.pose().inverse_transform_point(place).z;
+        above |= tick > setup.ticks(40) && beside > 2.0 * setup.radius_m;
+        found.right(!(wrong && above));
+    }
+    found.must(watch.touched);
     Ok(())
 }
 
@@ -241,28 +288,7 @@ fn moving_object(
             &mut found,
         )?;
         for _ in 0..size.of(6, 1000) {
-            // A paddle that turns about an axis in its plane, twice.
-            let home = turned(random);
-            let angle = 6.0 * unit(random);
-            let axis = DVec3::new(angle.cos(), angle.sin(), 0.0);
-            let setup = Setup {
-                pose: home,
-                movable: Some(driven(DVec3::ZERO, axis * 10.0)),
-                ..defaults
-            };
-            let mut bench = Bench::new(&sheet, setup)?;
-            // Ahead of the side that comes up, so that it is met from above.
-            let arm = axis.cross(DVec3::Z) * (0.03 + 0.04 * unit(random));
-            let up = DQuat::from_axis_angle(axis, 0.6 + 0.4 * unit(random));
-            let place = home.transform_point(up * -arm);
-            let mut watch = Watch { gap: false };
-            let mut above = false;
-            for tick in 0..setup.ticks(1250) {
-                let (wrong, _) = watch.is_wrong(&mut bench, place);
-                let beside = bench.pose().inverse_transform_point(place).z;
-                above |= tick > setup.ticks(40) && beside > 2.0 * setup.radius_m;
-                found.right(!(wrong && above));
-            }
+            paddle(&sheet, defaults, random, &mut found)?;
         }
     }
     let rough = model(generate(Shape::Relief, 20_000, 1), false)?;
@@ -552,3 +578,6 @@ fn pushed_rest(
     }
     Ok(found)
 }
+
+#[cfg(test)]
+mod tests;

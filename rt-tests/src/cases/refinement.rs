@@ -363,6 +363,7 @@ fn refined_and_back(
     let down = press(&mut bench, up, height);
     bench.mute(false);
     let mut before = bench.touch(up * down);
+    found.must(before.pushes(&setup));
     // As deep as it is now the hand holds it: 200 N/m.
     let wanted = up * down - before.force / 200.0;
     let mut holder = if how.is_in_hand {
@@ -429,7 +430,9 @@ fn cycle_energy(
         bench.touch(up * height);
         let start = bench.work_j();
         let down = press(&mut bench, up, height);
-        let depth = bench.settle(up * down)?.proxy.dot(up) - down;
+        let coarse = bench.settle(up * down)?;
+        found.must(coarse.pushes(&defaults));
+        let depth = coarse.proxy.dot(up) - down;
         bench.ask(0.0);
         let fine = bench.settle(up * down)?;
         ball.look(&bench, &fine, &mut found);
@@ -494,10 +497,11 @@ fn refined_over_folds(
 ) -> Result<u32, Failure> {
     let (mut bench, height) = over(bytes, setup, up, setup.size_m)?;
     let mut down = press(&mut bench, up, height);
-    let before = bench.touch(up * down).force;
+    let before = bench.touch(up * down);
+    found.must(before.pushes(&setup));
     bench.ask(0.0);
     let (mut refused, mut passed) = (0, 0);
-    let mut changes = Changes::new(&setup, before);
+    let mut changes = Changes::new(&setup, before.force);
     let step = STEP_M * setup.ms(1);
     let mut own = 0.0;
     // A force that changes by no more than is not felt moves a stiffer surface more slowly.

@@ -171,7 +171,8 @@ fn thin_sheet(
         let sheet = Sheet {
             thickness,
             height: |_, _| 0.0,
-            certified: f64::INFINITY,
+            lower: 0.0,
+            certified: None,
         };
         // With the other sheets a million.
         let full = if defaults.length_m.is_some() {
@@ -200,7 +201,8 @@ fn thin_refined(
         let sheet = Sheet {
             thickness,
             height: shapes::wave,
-            certified: f64::INFINITY,
+            lower: LOWER_ON_WAVE,
+            certified: None,
         };
         let count = size.of(4, 200_000 / 18);
         sheet.pass_each(&bytes, (defaults, 0.0), count, random, &mut found)?;
@@ -230,7 +232,8 @@ fn thin_coarse(
         let sheet = Sheet {
             thickness,
             height: shapes::wave,
-            certified: 0.5 * thickness,
+            lower: LOWER_ON_WAVE,
+            certified: Some(0.5 * thickness),
         };
         let count = size.of(8, 50_000 / 12);
         sheet.pass_each(&bytes, (setup, tolerance_m), count, random, &mut found)?;
@@ -246,13 +249,26 @@ const UNITS: f64 = 2.0;
 /// What is logged of a coarse front.
 const COARSE: &str = "certified error of a pass that counts, m";
 
+/// Share of its radius by which a ball may be within a surface and has not passed it.
+const WITHIN: f64 = 1e-3;
+/// The same of the end of a capsule: its 240 faces, 10 around and 6 from the end to the side, are
+/// within it by up to 1 - cos(180/10 degrees) cos(90/12 degrees).
+const WITHIN_CAPSULE: f64 = 0.058;
+/// Share of its radius by which a ball on the waved sheet may be lower over a place than on a
+/// plane: up to 0.034 where its slope is 0.15, and 0.011 since its faces of 3 mm are flat.
+const LOWER_ON_WAVE: f64 = 0.05;
+/// Most height over a place for a certified error: on slopes of 0.15 it is 1.15 times that.
+const OVER_SLOPE: f64 = 1.2;
+
 /// A sheet of two sides: the upper one has a height over each place, in units of a tenth of a
 /// metre.
 struct Sheet {
     thickness: f64,
     height: fn(f64, f64) -> f64,
-    /// A pass counts while the certified error is below this, metres.
-    certified: f64,
+    /// See [`LOWER_ON_WAVE`]; 0 where the sheet is flat and there as a whole.
+    lower: f64,
+    /// A pass counts while the certified error is below this, metres; `None` where every one does.
+    certified: Option<f64>,
 }
 
 impl Sheet {
@@ -260,6 +276,21 @@ impl Sheet {
     fn middle(&self, place: DVec3, size_m: f64) -> f64 {
         let unit = size_m / UNITS;
         unit * (self.height)(place.x / unit, place.y / unit) - 0.5 * self.thickness
+    }
+
+    /// Whether a proxy that came from the side that is `up` has passed neither side of the sheet:
+    /// on the other one it is within the first. Where a front is coarse, what is not touched may be
+    /// anywhere, and what is touched is as far off as is certified; from half of the thickness on
+    /// it is not known which side that is.
+    fn keeps(&self, setup: &Setup, response: &Response, up: DVec3) -> bool {
+        let Response { proxy, record, .. } = response;
+        let half = 0.5 * self.thickness;
+        let height = (proxy.z - self.middle(*proxy, setup.size_m)) * up.z;
+        let error = record.certified_error_m;
+        let is_known = self.lower == 0.0 || (record.contact_bounded && error < half);
+        let within = setup.length_m.map_or(WITHIN, |_| WITHIN_CAPSULE);
+        let touches = setup.radius_m * (1.0 - within - self.lower) - OVER_SLOPE * error;
+        height > 0.0 && (!is_known || height - half >= touches)
     }
 
     /// Passes at every stiffness from either side at every speed.
@@ -300,20 +331,19 @@ impl Sheet {
         speed: f64,
         found: &mut Found,
     ) {
-        let Setup {
-            size_m, radius_m, ..
-        } = *bench.setup();
-        let surface = place + DVec3::Z * (self.middle(place, size_m) + 0.5 * self.thickness * up.z);
-        let start = surface - direction * (6.0 * radius_m);
+        let setup = *bench.setup();
+        let middle = self.middle(place, setup.size_m);
+        let surface = place + DVec3::Z * (middle + 0.5 * self.thickness * up.z);
+        let start = surface - direction * (6.0 * setup.radius_m);
         bench.travel(start);
         let (mut keeps, mut certified) = (true, 0.0);
         let end = surface + direction * DEPTH_M;
         pass(bench, start, end, speed, |response| {
-            let proxy = response.proxy;
-            keeps &= (proxy.z - self.middle(proxy, size_m)) * up.z > 0.0;
+            keeps &= self.keeps(&setup, response, up);
             certified = max_or_nan(certified, response.record.certified_error_m);
         });
-        if certified < self.certified {
+        // What is no number is no bound.
+        if self.certified.is_none_or(|most| certified < most) {
             found.right(keeps);
             found.log(COARSE, certified);
         }
@@ -505,3 +535,6 @@ fn prediction_miss(
     found.must(coarse > 0);
     Ok(found)
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,11 +1,14 @@
 //! Effects that come and go, and effects that must not be felt at all.
 
+use super::bench::{Bench, model};
 use super::case::{Case, Found, Trial};
 use super::setup::{Departure, Setup};
+use super::shapes;
 use super::walls::wall;
 use crate::failure::Failure;
 use crate::models::surface::unit;
 use glam::DVec3;
+use hrtc_core::record::max_or_nan;
 use mutants::Mutant;
 use std::f64::consts::TAU;
 
@@ -13,7 +16,9 @@ use std::f64::consts::TAU;
 pub const CASES: &[Case] = &[
     Case {
         facts: "|dF| a tick <= slew while an effect is toggled in contact",
-        runs: "all kinds but a boundary come and go, each alone; fades of the default; 50 rounds",
+        runs: "all kinds but a boundary come and go, each alone; fades of the default; 50 rounds at \
+               0.1 m/s beside the slew limit, and as many at 0.05 m/s and less, without the energy \
+               account, beside the fade",
         departs: &[(
             Departure::Limits,
             "the fade is looked at, not the gate behind it",
@@ -22,7 +27,7 @@ pub const CASES: &[Case] = &[
             [
                 "effects-toggled",
                 "22",
-                "change of force in a tick over the slew limit",
+                "change of force in a tick over the slew limit, and over 4 times its fade's",
             ],
             1.0 + 1e-9,
             Mutant::Switch,
@@ -63,74 +68,260 @@ pub const CASES: &[Case] = &[
     },
 ];
 
-/// What is toggled: each effect alone, from 0.5 to 0.8 s, by the default fade.
-const TOGGLED: [&str; 10] = [
-    "{ friction = { static = 1.0 }, from_s = 0.5, until_s = 0.8 }",
-    "{ texture = { amplitude_m = 3e-4, noise = { wavelength_m = 2e-3 } }, from_s = 0.5, until_s = 0.8 }",
-    "{ texture = { amplitude_m = 1e-4, grating = { wavelength_m = 2e-3 } }, from_s = 0.5, until_s = 0.8 }",
-    "{ shading = { radius_m = 0.005 }, from_s = 0.5, until_s = 0.8 }",
-    "{ magnet = { force_n = 1, reach_m = 0.01 }, from_s = 0.5, until_s = 0.8 }",
-    "{ vibration = { frequency_hz = 100, amplitude_n = 0.5 }, from_s = 0.5, until_s = 0.8 }",
-    "{ viscosity = { damping_ns_per_m = 20 }, from_s = 0.5, until_s = 0.8 }",
-    "{ spring = { point_m = [0, 0, 0.003], stiffness_n_per_m = 1000 }, from_s = 0.5, until_s = 0.8 }",
-    "{ gravity = { mass_kg = 0.5 }, from_s = 0.5, until_s = 0.8 }",
-    "{ inertia = { mass_kg = 0.1, stiffness_n_per_m = 2000, damping_ns_per_m = 2 }, from_s = 0.5, until_s = 0.8 }",
+/// Where a probe is while an effect comes and goes.
+#[derive(Clone, Copy)]
+enum Place {
+    /// In a plate.
+    Plate,
+    /// Above a plate, where a magnet pulls.
+    Above,
+    /// In a slope beside a ridge, and along it: on a plate shading turns nothing.
+    Ridge,
+}
+
+/// How deep the probe is in a surface, metres.
+const DEPTH_M: f64 = 1e-3;
+/// How far above it, metres.
+const ABOVE_M: f64 = 5e-3;
+/// Angle between the slopes beside a ridge, radians, and how far from it the contact is, metres.
+const RIDGE_RAD: f64 = 0.3;
+const BESIDE_M: f64 = 5e-4;
+/// How many times what its fade takes of an effect a force may change by in a tick. The probe is
+/// led so that no effect changes faster by its motion than by its fade. What is deflected or
+/// carried along while it fades in (friction, inertia) changes by up to two and a half times that.
+const OF_FADE: f64 = 4.0;
+/// Smallest force of an effect that shows anything, of that of the surface.
+const SHOWN: f64 = 0.03;
+/// What the fade alone is looked at without.
+const FADE_ALONE: &[(Departure, &str)] = &[
+    (Departure::Limits, "a jump would be a ramp"),
+    (Departure::Account, "what it withholds is its own"),
 ];
 
-/// Case 22: change of the force in a tick over the product's slew limit, the largest, while an
-/// effect comes and goes under a pressing probe (of a magnet: one that hovers).
-fn toggled(trial: Trial<'_>) -> Result<Found, Failure> {
-    each_toggled(trial, &TOGGLED)
+/// An effect that acts from 1 to 1.3 s, and fades as by default.
+#[derive(Clone, Copy)]
+struct Toggled {
+    name: &'static str,
+    effects: &'static str,
+    place: Place,
+    /// Radius of the circle on which its fade is looked at, metres: small beside what the effect
+    /// changes over.
+    slow_m: f64,
 }
 
-/// The same of a boundary, which the probe is beyond.
-fn boundary_toggled(trial: Trial<'_>) -> Result<Found, Failure> {
-    each_toggled(
-        trial,
-        &["{ boundary = { ball = { radius_m = 0.001 } }, from_s = 0.5, until_s = 0.8 }"],
-    )
+impl Toggled {
+    const fn of(name: &'static str, effects: &'static str) -> Self {
+        Self {
+            name,
+            effects,
+            place: Place::Plate,
+            slow_m: 0.01,
+        }
+    }
+
+    /// What is touched.
+    fn bench(&self, setup: Setup) -> Result<Bench, Failure> {
+        if !matches!(self.place, Place::Ridge) {
+            return wall(setup);
+        }
+        let mut bench = Bench::new(&model(shapes::roof(RIDGE_RAD), true)?, setup)?;
+        bench.settle(DVec3::Z * 0.01)?;
+        Ok(bench)
+    }
+
+    /// The place of the device, `aside` along x and y, metres.
+    fn at(&self, setup: &Setup, aside: [f64; 2]) -> DVec3 {
+        let [x, y] = aside;
+        match self.place {
+            Place::Plate => DVec3::new(x, y, setup.radius_m - DEPTH_M),
+            Place::Above => DVec3::new(x, y, setup.radius_m + ABOVE_M),
+            Place::Ridge => {
+                let (sin, cos) = (0.5 * RIDGE_RAD).sin_cos();
+                let on_slope = DVec3::new(BESIDE_M * cos, y, -BESIDE_M * sin);
+                on_slope + DVec3::new(sin, 0.0, cos) * (setup.radius_m - DEPTH_M)
+            }
+        }
+    }
+
+    /// The forces, newtons, and the ticks of the fade, where the device goes so, by the
+    /// milliseconds.
+    fn forces(
+        &self,
+        setup: Setup,
+        aside: impl Fn(f64) -> [f64; 2],
+        found: &mut Found,
+    ) -> Result<(Vec<DVec3>, f64), Failure> {
+        let setup = Setup {
+            effects: self.effects,
+            ..setup
+        };
+        let mut bench = self.bench(setup)?;
+        let plan = bench.plan();
+        let mut listed = plan.effects.iter().chain(plan.objects[0].effects.iter());
+        let fade_s = listed.next().map_or(f64::NAN, |listed| listed.fade_s);
+        let at = |tick: u64| self.at(&setup, aside(setup.ms(tick)));
+        bench.press(at(0), DVec3::Z);
+        let mut forces = vec![bench.touch(at(0)).force];
+        // It comes while it is looked at: without a call nothing is shown.
+        found.must(bench.effect_calls() == 0);
+        forces.extend((1..setup.ticks(1500)).map(|tick| bench.touch(at(tick)).force));
+        found.must(bench.effect_calls() > 0);
+        Ok((forces, fade_s * setup.rate_hz))
+    }
+
+    /// Changes of the force in a tick over the product's slew limit, while the probe turns and
+    /// turns back.
+    fn beside_slew(&self, setup: Setup, phase: f64, found: &mut Found) -> Result<(), Failure> {
+        let aside = |ms: f64| {
+            let turn = 0.01 * ms + phase;
+            [0.01 * turn.sin(), 0.01 * (1.3 * turn).cos()]
+        };
+        let (forces, _) = self.forces(setup, aside, found)?;
+        let slew_n = 2000.0 * 1e-3 * setup.ms(1);
+        for pair in forces.windows(2) {
+            let step = pair[1].distance(pair[0]) / slew_n;
+            found.most(step);
+            found.log(self.name, step);
+        }
+        Ok(())
+    }
+
+    /// The largest change in a tick over [`OF_FADE`] times what the fade takes of the effect, on a
+    /// slow circle.
+    fn beside_fade(&self, setup: Setup, phase: f64, found: &mut Found) -> Result<(), Failure> {
+        let setup = Setup {
+            departs: FADE_ALONE,
+            ..setup
+        };
+        let aside = |ms: f64| {
+            let turn = 5e-3 * ms + phase;
+            [self.slow_m * turn.cos(), self.slow_m * turn.sin()]
+        };
+        let (forces, fade_ticks) = self.forces(setup, aside, found)?;
+        let step = over_fade(
+            &forces,
+            fade_ticks,
+            SHOWN * setup.stiffness_n_per_m * DEPTH_M,
+        );
+        found.must(step.is_some());
+        if let Some(step) = step {
+            found.most(step);
+            found.log(self.name, step);
+        }
+        Ok(())
+    }
 }
 
-fn each_toggled(
+/// The largest change of forces in a tick over [`OF_FADE`] times what a fade of so many ticks takes
+/// of an effect, of which the first force knows nothing; none where it is weaker than `least_n`.
+fn over_fade(forces: &[DVec3], fade_ticks: f64, least_n: f64) -> Option<f64> {
+    let first = *forces.first()?;
+    let of_effect = forces.iter().map(|force| force.distance(first));
+    let effect_n = of_effect.fold(0.0, max_or_nan);
+    let steps = forces.windows(2).map(|pair| pair[1].distance(pair[0]));
+    let step_n = steps.fold(0.0, max_or_nan);
+    // What is no number shows that it is none.
+    let is_weak = effect_n < least_n;
+    (!is_weak).then(|| step_n * fade_ticks / (OF_FADE * effect_n))
+}
+
+/// What is toggled.
+const TOGGLED: [Toggled; 10] = [
+    Toggled::of(
+        "friction",
+        "{ friction = { static = 1.0 }, from_s = 1, until_s = 1.3 }",
+    ),
+    Toggled {
+        slow_m: 2e-4,
+        ..Toggled::of(
+            "noise",
+            "{ texture = { amplitude_m = 3e-4, noise = { wavelength_m = 2e-3 } }, from_s = 1, until_s = 1.3 }",
+        )
+    },
+    Toggled {
+        slow_m: 2e-4,
+        ..Toggled::of(
+            "grating",
+            "{ texture = { amplitude_m = 1e-4, grating = { wavelength_m = 2e-3 } }, from_s = 1, until_s = 1.3 }",
+        )
+    },
+    Toggled {
+        place: Place::Ridge,
+        ..Toggled::of(
+            "shading",
+            "{ shading = { radius_m = 0.005 }, from_s = 1, until_s = 1.3 }",
+        )
+    },
+    Toggled {
+        place: Place::Above,
+        ..Toggled::of(
+            "magnet",
+            "{ magnet = { force_n = 1, reach_m = 0.01 }, from_s = 1, until_s = 1.3 }",
+        )
+    },
+    // A quarter of a wave until it comes.
+    Toggled::of(
+        "vibration",
+        "{ vibration = { frequency_hz = 0.25, amplitude_n = 1 }, from_s = 1, until_s = 1.3 }",
+    ),
+    Toggled::of(
+        "viscosity",
+        "{ viscosity = { damping_ns_per_m = 20 }, from_s = 1, until_s = 1.3 }",
+    ),
+    Toggled::of(
+        "spring",
+        "{ spring = { point_m = [0, 0, 0.003], stiffness_n_per_m = 1000 }, from_s = 1, until_s = 1.3 }",
+    ),
+    Toggled::of(
+        "gravity",
+        "{ gravity = { mass_kg = 0.5 }, from_s = 1, until_s = 1.3 }",
+    ),
+    // So heavy that it is carried along no sooner than it comes.
+    Toggled::of(
+        "inertia",
+        "{ inertia = { mass_kg = 2, stiffness_n_per_m = 10, damping_ns_per_m = 20 }, from_s = 1, until_s = 1.3 }",
+    ),
+];
+
+/// What the probe is beyond.
+const BOUNDARY: Toggled = Toggled::of(
+    "boundary",
+    "{ boundary = { ball = { radius_m = 0.001 } }, from_s = 1, until_s = 1.3 }",
+);
+
+/// Case 22: change of the force in a tick, the largest, while an effect comes and goes under a
+/// pressing probe (of a magnet: one that hovers): over the product's slew limit, and over four
+/// times what its fade takes of it. Logged: the larger of both for each effect, so that each has a
+/// verdict of its own.
+fn toggled(
     Trial {
         size,
         random,
         defaults,
     }: Trial<'_>,
-    toggled: &[&'static str],
 ) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
-    for &effects in toggled {
-        let setup = Setup {
-            effects,
-            ..defaults
-        };
-        let height = if effects.contains("magnet") {
-            setup.radius_m + 5e-3
-        } else {
-            setup.radius_m - 1e-3
-        };
+    for of in &TOGGLED {
         for _ in 0..size.of(1, 50) {
-            let mut bench = wall(setup)?;
             let phase = TAU * unit(random);
-            let place = |tick: u64| {
-                let turn = 0.01 * setup.ms(tick) + phase;
-                let aside = DVec3::new(turn.sin(), (1.3 * turn).cos(), 0.0) * 0.01;
-                aside + DVec3::Z * height
-            };
-            let slew_n = 2000.0 * bench.period_s();
-            bench.press(place(0), DVec3::Z);
-            let mut last = bench.touch(place(0)).force;
-            for tick in 1..setup.ticks(1000) {
-                let force = bench.touch(place(tick)).force;
-                let step = force.distance(last) / slew_n;
-                found.most(step);
-                found.log(effects.split(' ').nth(1).unwrap_or(effects), step);
-                last = force;
-            }
-            // Without a call nothing is shown.
-            found.must(bench.effect_calls() > 0);
+            of.beside_slew(defaults, phase, &mut found)?;
+            of.beside_fade(defaults, phase, &mut found)?;
         }
+    }
+    Ok(found)
+}
+
+/// The same of a boundary beside the slew limit alone: it pushes by and by, whatever its fade.
+fn boundary_toggled(
+    Trial {
+        size,
+        random,
+        defaults,
+    }: Trial<'_>,
+) -> Result<Found, Failure> {
+    let mut found = Found::new(0.0);
+    for _ in 0..size.of(1, 50) {
+        BOUNDARY.beside_slew(defaults, TAU * unit(random), &mut found)?;
     }
     Ok(found)
 }
@@ -152,14 +343,13 @@ fn unlisted(trial: Trial<'_>) -> Result<Found, Failure> {
             random: &mut *trial.random,
             ..trial
         };
-        let (beside, calls) = beside_none(again, effects)?;
-        found.value += beside.value + calls as f64;
-        found.passes += beside.passes;
+        beside_none(again, effects, &mut found)?;
     }
     Ok(found)
 }
 
-/// Ticks at which effects change a bit of the force of a plate, beside none; and their calls.
+/// Ticks at which effects change a bit of the force of a plate, beside none; and whether they are
+/// called.
 fn beside_none(
     Trial {
         size,
@@ -167,7 +357,8 @@ fn beside_none(
         defaults,
     }: Trial<'_>,
     effects: &'static str,
-) -> Result<(Found, u64), Failure> {
+    found: &mut Found,
+) -> Result<(), Failure> {
     let ticks = size.of(2000, 50_000);
     let directions: Vec<f64> = (0..ticks).map(|_| unit(random)).collect();
     let run = |effects| -> Result<(Vec<[u64; 3]>, u64), Failure> {
@@ -187,9 +378,69 @@ fn beside_none(
     };
     let (plain, _) = run("")?;
     let (listed, calls) = run(effects)?;
-    let mut found = Found::new(0.0);
     for (a, b) in plain.iter().zip(&listed) {
         found.right(a == b);
     }
-    Ok((found, calls))
+    found.right(calls == 0);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use scene::Effect;
+
+    #[test]
+    fn every_effect_is_toggled() {
+        let toggled = TOGGLED.iter().chain([&BOUNDARY]);
+        let toggled: Vec<&str> = toggled.map(|of| of.effects).collect();
+        for name in Effect::NAMES {
+            let begins = format!("{{ {name} = ");
+            assert!(
+                toggled.iter().any(|of| of.starts_with(&begins)),
+                "{name} is not toggled"
+            );
+        }
+    }
+
+    #[test]
+    fn every_effect_that_comes_or_goes_at_once_is_beyond_its_fade() {
+        for of in &TOGGLED {
+            for fade_s in [0.1, 1e-3] {
+                let fades = format!("fade_s = {fade_s}, from_s");
+                let effects: &str = of.effects.replace("from_s", &fades).leak();
+                let setup = Setup {
+                    departs: FADE_ALONE,
+                    ..Setup::PRODUCT
+                };
+                let mut found = Found::new(0.0);
+                let aside = |ms: f64| {
+                    let turn = 5e-3 * ms + 1.0;
+                    [of.slow_m * turn.cos(), of.slow_m * turn.sin()]
+                };
+                let of = Toggled { effects, ..*of };
+                let (forces, _) = of.forces(setup, aside, &mut found).expect("it is served");
+                let step = over_fade(&forces, 100.0, 0.03).expect("it is felt");
+                // Beside the fade of the product.
+                assert_eq!(
+                    step <= 1.0,
+                    fade_s == 0.1,
+                    "{}: {fade_s} s: {step}",
+                    of.name
+                );
+                assert!(step <= 1.0 || step > 5.0, "{}: {step}", of.name);
+                assert_eq!(found.value, 0.0, "{}", of.name);
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_hardly_felt_shows_no_fade() {
+        let forces = [DVec3::Z, DVec3::Z * 1.02, DVec3::Z];
+        assert_eq!(over_fade(&forces, 100.0, 0.03), None);
+        let jump = [DVec3::Z, DVec3::Z * 2.0, DVec3::Z * 2.0];
+        assert_eq!(over_fade(&jump, 100.0, 0.03), Some(25.0));
+        let no_number = [DVec3::Z, DVec3::NAN, DVec3::Z];
+        assert!(over_fade(&no_number, 100.0, 0.03).is_some_and(f64::is_nan));
+    }
 }

@@ -45,8 +45,8 @@ pub struct StabilityArgs {
     /// Run the full set: up to a million passes a case, an hour and a half on two cores
     #[arg(long)]
     pub full: bool,
-    /// Rate of the loop, 100 to 10000 ticks a second; the stiffness of every surface and effect
-    /// goes with it and damping stays, so that (K T/2 + B) / b does
+    /// Rate of the loop, 250 to 4000 ticks a second, at which the cases are tested; the stiffness
+    /// of every surface and effect goes with it and damping stays, so that (K T/2 + B) / b does
     #[arg(long, value_name = "HZ", default_value_t = 1000.0, value_parser = rate)]
     pub rate: f64,
     /// Seed of everything that is random
@@ -78,11 +78,14 @@ pub struct StabilityArgs {
     pub json: bool,
 }
 
-/// A rate that a scene may have.
+/// A rate at which the cases are tested. A scene may have a lower or higher one; what the cases ask
+/// in a tick is not asked there.
 fn rate(typed: &str) -> Result<f64, String> {
     let hertz = typed.parse().ok();
-    let hertz = hertz.filter(|hertz| (100.0..=10_000.0).contains(hertz));
-    hertz.ok_or_else(|| "write a number of ticks a second from 100 to 10000".to_string())
+    let hertz = hertz.filter(|hertz| (250.0..=4000.0).contains(hertz));
+    hertz.ok_or_else(|| {
+        "the cases are tested at 250 to 4000 ticks a second; write a number of these".to_string()
+    })
 }
 
 /// What is printed as JSON.
@@ -119,6 +122,9 @@ pub struct Verdict {
     pub limit: f64,
     /// Whether it kept to it.
     pub pass: bool,
+    /// Whether what was measured did, whatever must happen beside it.
+    #[serde(skip)]
+    pub measure_keeps: bool,
     /// Why it is known not to.
     #[serde(skip_serializing_if = "str::is_empty")]
     pub open: &'static str,
@@ -165,7 +171,7 @@ pub struct PeerVerdict {
 }
 
 /// A fault in the product, and whether a case found it.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct MutantFound {
     /// Its name.
     pub name: String,
@@ -173,8 +179,13 @@ pub struct MutantFound {
     pub case: &'static str,
     /// Whether it did.
     pub killed: bool,
+    /// Whether it did by what must happen alone: the measure kept to its limit.
+    pub by_premise: bool,
     /// Whether that could be told: without the fault the case keeps to its limit.
     pub judged: bool,
+    /// Why the case is known not to keep to its limit; it is not run then.
+    #[serde(skip_serializing_if = "str::is_empty")]
+    pub open: &'static str,
     /// Why it could not be told, or why what happened is no kill.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub note: String,
@@ -208,8 +219,8 @@ impl Verdict {
 ///
 /// # Errors
 /// One sentence: status 2 for a name that is no case, a peer that is none, or `--mutants` in a
-/// build without them; 1 when a case fails, a mutant lives or could not be judged, or a peer breaks
-/// off.
+/// build without them; 1 when a case fails, a mutant lives, could not be judged or breaks no
+/// measure of any of its cases, or a peer breaks off.
 pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
     make_folder(&args.out)?;
     let found = run_cases(args)?;
@@ -231,7 +242,10 @@ pub fn stability(args: &StabilityArgs) -> Result<(), Failure> {
 }
 
 /// Whether all is as it must be.
-fn judge(found: &Stability) -> Result<(), Failure> {
+///
+/// # Errors
+/// One sentence that names what is not.
+pub fn judge(found: &Stability) -> Result<(), Failure> {
     kills::judge(&found.mutants)?;
     let failed = found.cases.iter().filter(|case| case.fails());
     let failed: Vec<&str> = failed.map(|case| case.name).collect();
@@ -377,6 +391,7 @@ fn run_case(case: &Case, args: &StabilityArgs, contender: Option<&'static Conten
             x.clamp(f64::MIN, f64::MAX)
         }
     };
+    let measure_keeps = found.measured() <= case.limit;
     let logged = found.logged.into_iter().map(|of| Logged {
         value: finite(of.value),
         ..of
@@ -389,6 +404,7 @@ fn run_case(case: &Case, args: &StabilityArgs, contender: Option<&'static Conten
         value: finite(value),
         limit: case.limit,
         pass: passes_run > 0 && value <= case.limit,
+        measure_keeps,
         open: case.open,
         passes_run,
         probe: case.probe,
@@ -484,6 +500,7 @@ mod tests {
             value: 0.0,
             limit: 0.0,
             pass,
+            measure_keeps: pass,
             open: "",
             passes_run: 1,
             probe: ProbeOfCase::Ball,
@@ -536,5 +553,16 @@ mod tests {
         assert!(table(&kept).contains(said), "{}", table(&kept));
         assert!(page::page(&kept).contains(said));
         assert!(!table(&open(false, "", 1)).contains(said));
+    }
+
+    #[test]
+    fn a_rate_at_which_no_case_is_tested_is_refused() {
+        for typed in ["250", "1e3", "4000"] {
+            assert!(rate(typed).is_ok(), "{typed}");
+        }
+        for typed in ["100", "249", "4001", "10000", "nan", "fast"] {
+            let said = rate(typed).expect_err("no case is tested there");
+            assert!(said.contains("250 to 4000"), "{typed}: {said}");
+        }
     }
 }

@@ -1,5 +1,9 @@
 //! The quick set of the hard cases passes for the seed of the command.
 
+use crate::typed::{rt_tests, said};
+use mutants::Mutant;
+use rt_tests::cases::all;
+use rt_tests::commands::simulate::mutants::checks_of;
 use rt_tests::commands::stability::{Stability, StabilityArgs, run_cases};
 
 /// The default of the command.
@@ -44,4 +48,27 @@ fn a_name_that_is_no_case_is_refused_with_those_that_are() {
     };
     let error = run_cases(&args).expect_err("it is no case").to_string();
     assert!(error.contains("head-on-wall"), "{error}");
+}
+
+#[test]
+fn every_mutant_is_asked_of_a_case_or_a_check() {
+    for mutant in Mutant::ALL {
+        let mut closed = all().filter(|case| case.open.is_empty());
+        let is_asked = closed.any(|case| case.mutant == mutant) || !checks_of(mutant).is_empty();
+        assert!(is_asked, "no case and no check is there for {mutant:?}");
+    }
+}
+
+#[test]
+fn a_rate_at_which_nothing_is_tested_is_refused() {
+    let output = rt_tests("stability")
+        .args(["rest", "--rate", "100"])
+        .output()
+        .unwrap();
+    let said = said(&output);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(
+        output.stdout.is_empty() && said.contains("250 to 4000"),
+        "{said}"
+    );
 }

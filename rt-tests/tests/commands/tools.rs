@@ -12,7 +12,7 @@ fn a_tool_is_measured_beside_unlimited_work() {
     assert_eq!(rows.len(), 1, "{said}");
     let row = &rows[0];
     assert_eq!(row["model"], "relief-10000");
-    assert_eq!(row["tool"], "capsule-960");
+    assert_eq!(row["tool"], "capsule-924");
     assert_eq!(number(row, "ticks"), 2000.0);
     assert!(number(row, "contact_ticks") > 500.0, "{said}");
     assert!(number(row, "force_n.p50") > 0.1, "{said}");
@@ -40,4 +40,18 @@ fn no_seeds_are_refused() {
         output.stdout.is_empty() && said.contains("--seeds"),
         "{said}"
     );
+}
+
+#[test]
+fn faces_that_no_scene_lets_a_tool_have_are_refused() {
+    for faces in ["0", "11", "4097", "4294967295"] {
+        let arguments = ["relief:1000", "--seconds", "1", "--faces", faces];
+        let output = rt_tests("tools").args(arguments).output().unwrap();
+        let said = said(&output);
+        assert_eq!(output.status.code(), Some(2), "{faces}: {said}");
+        assert!(
+            output.stdout.is_empty() && said.contains("--faces"),
+            "{said}"
+        );
+    }
 }

@@ -90,7 +90,7 @@ pub enum Mutant {
     Restless,
     /// The builder counts nothing that it drops.
     Rejects,
-    /// A tool passes three of four faces of the object.
+    /// A tool passes all faces of the object but one in 64.
     ToolPairs,
     /// A tool has no torque.
     ToolTorque,

@@ -1,44 +1,75 @@
 //! Each case with its fault in the product, beside the same case without it: what fails by itself
-//! finds nothing.
+//! finds nothing. A fault is to break a measure of one of its cases: where only what must happen
+//! did not, the measure might see nothing at all.
 
 use super::{MutantFound, Stability, StabilityArgs};
-use crate::cases::Case;
+use crate::cases::{Case, all};
 use crate::failure::Failure;
 use crate::report::table::Table;
+use mutants::Mutant;
+
+/// Mutants that are known to break no measure, and why.
+const BY_PREMISE: [(Mutant, &str); 1] = [(
+    Mutant::ToolTorque,
+    "a tool without a torque has none that could change too fast; that it has one must happen",
+)];
 
 impl MutantFound {
     /// What a case came to without the fault and with it. A run that broke off has measured
     /// nothing, so it is no kill.
     #[cfg(any(test, feature = "mutants"))]
     fn of(name: String, without: &super::Verdict, with: &super::Verdict) -> Self {
+        let killed = without.pass && !with.pass && with.error.is_empty();
+        let by_premise = killed && with.measure_keeps;
         let note = match (without.pass, with.error.as_str()) {
             (false, _) if without.error.is_empty() => {
                 "without it the case is beyond its limit, too".to_string()
             }
             (false, _) => format!("without it the case breaks off: {}", without.error),
+            (true, "") if by_premise => {
+                "with it the measure keeps to its limit, and what must happen does not".to_string()
+            }
             (true, "") => String::new(),
             (true, error) => format!("with it the case breaks off: {error}"),
         };
         Self {
             name,
             case: without.name,
-            killed: without.pass && !with.pass && with.error.is_empty(),
+            killed,
+            by_premise,
             judged: without.pass,
+            open: "",
             note,
         }
     }
 
-    /// The verdict in a word.
+    /// A case that is known to be beyond its limit says nothing of its fault.
+    #[cfg(any(test, feature = "mutants"))]
+    fn of_open(case: &Case) -> Self {
+        Self {
+            name: format!("{:?}", case.mutant),
+            case: case.name,
+            killed: false,
+            by_premise: false,
+            judged: false,
+            open: case.open,
+            note: format!("open: {}", case.open),
+        }
+    }
+
+    /// The verdict in a word or two.
     pub(super) fn word(&self) -> &'static str {
-        match (self.killed, self.judged) {
-            (true, _) => "killed",
-            (false, true) => "LIVES",
-            (false, false) => "NOT JUDGED",
+        match (self.killed, self.by_premise, self.judged) {
+            (true, true, _) => "killed (premise)",
+            (true, false, _) => "killed",
+            (false, _, true) => "LIVES",
+            (false, _, false) if self.open.is_empty() => "NOT JUDGED",
+            (false, _, false) => "not judged: open",
         }
     }
 }
 
-/// Every case with its fault in the product; a case that is known to fail says nothing of it.
+/// Every case with its fault in the product; one that is known to fail is not run.
 #[cfg(feature = "mutants")]
 pub(super) fn run(
     cases: &[&Case],
@@ -46,14 +77,14 @@ pub(super) fn run(
     is_run: impl Fn(&str) + Sync,
 ) -> Result<Vec<MutantFound>, Failure> {
     use super::{Verdict, run_case};
-    use mutants::{Mutant, choose};
+    use mutants::choose;
     use rayon::prelude::*;
 
     let hook = std::panic::take_hook();
     // Its text would stand between the rows; that it happened is in the note.
     std::panic::set_hook(Box::new(|_| {}));
-    let closed = cases.iter().copied().filter(|case| case.open.is_empty());
-    let closed: Vec<&Case> = closed.collect();
+    let (closed, open): (Vec<&Case>, Vec<&Case>) =
+        cases.iter().copied().partition(|case| case.open.is_empty());
     let run = |case: &Case| {
         let verdict = run_case(case, args, None);
         is_run(case.name);
@@ -73,6 +104,8 @@ pub(super) fn run(
             .collect();
         choose(None);
         found.extend(results);
+        let open = open.iter().filter(|case| case.mutant == mutant);
+        found.extend(open.map(|case| MutantFound::of_open(case)));
     }
     std::panic::set_hook(hook);
     Ok(found)
@@ -94,30 +127,62 @@ pub(super) fn run(
     ))
 }
 
-/// Whether every mutant was found.
+/// Whether every mutant was found, and by a measure.
 ///
 /// # Errors
-/// One sentence that names those that live, and those of which nothing can be said.
+/// One sentence that names those that live, those of which nothing can be said, open cases where
+/// there are no others, and mutants that break no measure of any of their cases.
 pub(super) fn judge(mutants: &[MutantFound]) -> Result<(), Failure> {
-    let named = |judged: bool| -> Vec<String> {
-        let left = mutants.iter().filter(|of| !of.killed);
-        left.filter(|of| of.judged == judged)
-            .map(|of| format!("{} of {}", of.name, of.case))
-            .collect()
+    let named = |which: fn(&MutantFound) -> bool| {
+        let of = mutants.iter().filter(|of| which(of));
+        let names: Vec<String> = of.map(|of| format!("{} of {}", of.name, of.case)).collect();
+        names.join(", ")
     };
-    let (living, unknown) = (named(true), named(false));
-    let mut failed = Vec::new();
-    if !living.is_empty() {
-        failed.push(format!("mutants live: {}", living.join(", ")));
-    }
-    if !unknown.is_empty() {
-        let names = unknown.join(", ");
-        failed.push(format!("mutants are not judged: {names}"));
-    }
+    let nothing = if mutants.iter().any(|of| of.judged) {
+        String::new()
+    } else {
+        named(|of| !of.open.is_empty())
+    };
+    let failed = [
+        ("mutants live", named(|of| of.judged && !of.killed)),
+        (
+            "mutants are not judged",
+            named(|of| !of.judged && of.open.is_empty()),
+        ),
+        ("nothing is judged, the cases are open", nothing),
+        (
+            "mutants are killed by no measure",
+            unmeasured(mutants).join(", "),
+        ),
+    ];
+    let failed = failed.into_iter().filter(|(_, names)| !names.is_empty());
+    let failed: Vec<String> = failed
+        .map(|(what, names)| format!("{what}: {names}"))
+        .collect();
     if failed.is_empty() {
         return Ok(());
     }
     Err(Failure::Run(failed.join("; ")))
+}
+
+/// Mutants that were killed in all of their cases, and by a measure in none. Of those that were run
+/// in some of their cases only nothing is said.
+fn unmeasured(mutants: &[MutantFound]) -> Vec<String> {
+    let is_known = |mutant: &Mutant| BY_PREMISE.iter().any(|(known, _)| known == mutant);
+    let others = Mutant::ALL.into_iter().filter(|mutant| !is_known(mutant));
+    let is_unmeasured = |mutant: &Mutant| {
+        let name = format!("{mutant:?}");
+        let by_premise = |case: &Case| {
+            let mut of_case = mutants.iter().filter(|of| of.case == case.name);
+            of_case.any(|of| of.name == name && of.by_premise)
+        };
+        let mut cases = all()
+            .filter(|case| case.mutant == *mutant && case.open.is_empty())
+            .peekable();
+        cases.peek().is_some() && cases.all(by_premise)
+    };
+    let names = others.filter(is_unmeasured);
+    names.map(|mutant| format!("{mutant:?}")).collect()
 }
 
 /// The table of the terminal.
@@ -134,12 +199,19 @@ pub(super) fn table(found: &Stability) -> String {
     for mutant in found.mutants.iter().filter(|of| !of.note.is_empty()) {
         text += &format!("{} of {}: {}\n", mutant.name, mutant.case, mutant.note);
     }
+    for (mutant, why) in BY_PREMISE {
+        let name = format!("{mutant:?}");
+        if found.mutants.iter().any(|of| of.name == name) {
+            text += &format!("{name} is known to break no measure: {why}\n");
+        }
+    }
     text
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::tests::verdict;
+    use super::super::{Verdict, page};
     use super::*;
 
     fn found(without: (bool, &str), with: (bool, &str)) -> MutantFound {
@@ -147,10 +219,37 @@ mod tests {
         MutantFound::of("Sign".to_string(), &without, &with)
     }
 
+    /// A mutant that breaks what must happen in a case, and no measure.
+    fn by_premise(mutant: Mutant, case: &'static str) -> MutantFound {
+        let with = Verdict {
+            measure_keeps: true,
+            ..verdict(case, false, "")
+        };
+        MutantFound::of(format!("{mutant:?}"), &verdict(case, true, ""), &with)
+    }
+
+    /// The same in each of its cases that are not open.
+    fn all_by_premise(mutant: Mutant) -> Vec<MutantFound> {
+        let cases = all().filter(|case| case.mutant == mutant && case.open.is_empty());
+        cases.map(|case| by_premise(mutant, case.name)).collect()
+    }
+
+    fn stability(mutants: Vec<MutantFound>) -> Stability {
+        Stability {
+            seed: 1,
+            full: false,
+            rate_hz: 1e3,
+            cases: Vec::new(),
+            step_times: Vec::new(),
+            mutants,
+        }
+    }
+
     #[test]
     fn a_kill_is_a_limit_that_is_broken_by_the_mutant_alone() {
         let killed = found((true, ""), (false, ""));
         assert!(killed.killed && killed.judged && killed.note.is_empty());
+        assert_eq!(killed.word(), "killed");
         assert_eq!(judge(&[killed]), Ok(()));
         // It lives; it breaks off; the case fails by itself; the case breaks off by itself.
         for (without, with, word) in [
@@ -170,16 +269,43 @@ mod tests {
     fn what_is_no_kill_says_why() {
         let of = found((true, ""), (false, "it panicked"));
         assert!(of.note.contains("it panicked"), "{of:?}");
-        let all = Stability {
-            seed: 1,
-            full: false,
-            rate_hz: 1e3,
-            cases: Vec::new(),
-            step_times: Vec::new(),
-            mutants: vec![of, found((false, ""), (false, ""))],
-        };
-        let text = table(&all);
+        let text = table(&stability(vec![of, found((false, ""), (false, ""))]));
         assert!(text.contains("breaks off: it panicked"), "{text}");
         assert!(text.contains("beyond its limit, too"), "{text}");
+    }
+
+    #[test]
+    fn a_mutant_that_breaks_no_measure_of_any_of_its_cases_fails() {
+        let mut rows = all_by_premise(Mutant::Folds);
+        assert!(rows.len() > 1 && rows.iter().all(|of| of.killed));
+        assert!(table(&stability(rows.clone())).contains("killed (premise)"));
+        let said = judge(&rows).expect_err("no measure sees it").to_string();
+        assert!(said.contains("killed by no measure: Folds"), "{said}");
+        // Of some of its cases alone that is not known.
+        assert_eq!(judge(&rows[1..]), Ok(()));
+        // One measure is enough.
+        rows[0].by_premise = false;
+        assert_eq!(judge(&rows), Ok(()));
+        // Where it is known, it is told.
+        for (mutant, why) in BY_PREMISE {
+            let rows = all_by_premise(mutant);
+            assert_eq!(judge(&rows), Ok(()), "{mutant:?}");
+            assert!(table(&stability(rows)).contains(why), "{mutant:?}");
+        }
+    }
+
+    #[test]
+    fn an_open_case_is_told_and_is_nothing_by_itself() {
+        let case = all().find(|case| !case.open.is_empty());
+        let open = MutantFound::of_open(case.expect("a case is open"));
+        assert_eq!(open.word(), "not judged: open");
+        let said = judge(std::slice::from_ref(&open)).expect_err("nothing is judged");
+        assert!(said.to_string().contains(open.case), "{said}");
+        let both = stability(vec![open.clone(), found((true, ""), (false, ""))]);
+        assert_eq!(judge(&both.mutants), Ok(()));
+        for text in [table(&both), page::page(&both)] {
+            assert!(text.contains("not judged: open"), "{text}");
+        }
+        assert!(page::page(&both).contains("1 of 1 cases find"));
     }
 }

@@ -50,7 +50,8 @@ pub(super) fn page(found: &Stability) -> String {
     body += "<h2>Cases</h2>\n";
     body += "<p>∞ stands where what must happen did not, such as a force in a contact, or where \
              something was no number. The mutant of a case is the fault in the product's code under \
-             which it must fail (<code>--mutants</code>).</p>\n";
+             which it must fail (<code>--mutants</code>): by its measure, or by such a premise \
+             alone.</p>\n";
     cases(&mut body, &rows, &peers);
     open(&mut body, found);
     steps(&mut body, &found.step_times);
@@ -79,10 +80,13 @@ fn summary(found: &Stability) -> String {
     };
     let seed = found.seed;
     if !found.mutants.is_empty() {
-        let all = found.mutants.len();
-        let killed = found.mutants.iter().filter(|of| of.killed).count();
+        let closed = found.mutants.iter().filter(|of| of.open.is_empty());
+        let killed = closed.clone().filter(|of| of.killed);
+        let premise = killed.clone().filter(|of| of.by_premise).count();
+        let (all, killed) = (closed.count(), killed.count());
+        let open = found.mutants.len() - all;
         return format!(
-            "{killed} of {all} cases find the fault that was put into the product for them: {run}, seed {seed}."
+            "{killed} of {all} cases find the fault that was put into the product for them, {premise} of these by what must happen alone; {open} are open and not run: {run}, seed {seed}."
         );
     }
     let cases = &found.cases;
@@ -157,7 +161,11 @@ fn cases(body: &mut String, rows: &[Row<'_>], peers: &[String]) {
 
 /// What is told of a mutant, and why where it is no kill.
 fn mutant_verdict(of: &MutantFound) -> String {
-    let class = if of.killed { "ok" } else { "bad" };
+    let class = match (of.killed, of.open.is_empty()) {
+        (true, _) => "ok",
+        (false, true) => "bad",
+        (false, false) => "open",
+    };
     let verdict = format!("<small class=\"{class}\">{}</small>", of.word());
     match of.note.as_str() {
         "" => verdict,
@@ -327,7 +335,9 @@ mod tests {
             name: "Sign".to_string(),
             case,
             killed,
+            by_premise: false,
             judged: true,
+            open: "",
             note: String::new(),
         };
         let page = page(&Stability {

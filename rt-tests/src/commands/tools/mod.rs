@@ -5,8 +5,8 @@
 //! pose of the device on the same front until it is settled. The difference of the two is what the
 //! budget of a tick costs: in force, in distance, and in contacts that were found late.
 //!
-//! The tools are a capsule of 960 faces, on models at the size of the bundled scene, and a rod of
-//! 0.8 mm on a comb with slots of 1 mm.
+//! The tools are a capsule of 924 faces (960 are asked for; whole rings make as many), on models at
+//! the size of the bundled scene, and a rod of 0.8 mm on a comb with slots of 1 mm.
 
 mod comb;
 mod measure;
@@ -19,12 +19,14 @@ use crate::report::table::Table;
 use crate::report::units::grouped;
 use crate::scenes::{check_seconds, prepare_models};
 use clap::Args;
+use hrtc_core::contact::tool::ToolMesh;
 use rayon::iter::{IntoParallelRefIterator, ParallelIterator};
 use row::Row;
 use scene::{
     ModelScale, ModelSource, NoFiles, Overrides, ProbeShape, ScenePlan, TrajectoryPlan, parse,
 };
 use serde::Serialize;
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// The scene: a capsule strokes an object, its axis along the normal.
@@ -38,6 +40,8 @@ const MODELS: [(&str, &str); 4] = [
 ];
 /// What `--quick` measures.
 const QUICK: [&str; 2] = ["relief:20000", COMB];
+/// Faces that a scene lets a tool be asked for.
+const TOOL_FACES: RangeInclusive<i64> = 12..=4096;
 /// The name of the comb, and the radius, length and faces of the rod on it.
 const COMB: &str = "comb";
 const ROD: ProbeShape = ProbeShape::Capsule {
@@ -63,8 +67,8 @@ pub struct ToolsArgs {
     /// Simulated time for each seed, seconds [default: 60]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub seconds: Option<f64>,
-    /// Faces of the tool
-    #[arg(long, value_name = "N", default_value_t = 960)]
+    /// Faces of the tool at the most, 12 to 4096; its name has how many they are
+    #[arg(long, value_name = "N", default_value_t = 960, value_parser = clap::value_parser!(u32).range(TOOL_FACES))]
     pub faces: u32,
     /// One seed and a few seconds on generated models
     #[arg(long)]
@@ -174,15 +178,22 @@ fn models(args: &ToolsArgs) -> Vec<String> {
         .to_vec()
 }
 
-/// The scene of a model; the comb is written into a folder.
-fn pair(typed: &str, faces: u32, folder: &Path) -> Result<Pair, Failure> {
-    let mut plan = parse(
-        SCENE,
+/// The plan of a scene of a tool.
+fn scene(text: &str) -> Result<ScenePlan, Failure> {
+    let overrides = Overrides::default();
+    Ok(parse(
+        text,
         "tool.toml",
         Path::new(""),
-        &Overrides::default(),
+        &overrides,
         &NoFiles,
-    )?;
+    )?)
+}
+
+/// The scene of a model; the comb is written into a folder. `faces`: of [`TOOL_FACES`], as a plan
+/// is changed here that was checked before.
+fn pair(typed: &str, faces: u32, folder: &Path) -> Result<Pair, Failure> {
+    let mut plan = scene(SCENE)?;
     let (model, tool) = if typed == COMB {
         let path = folder.join("comb.spm");
         comb::write(&path)?;
@@ -198,6 +209,8 @@ fn pair(typed: &str, faces: u32, folder: &Path) -> Result<Pair, Failure> {
     if let ProbeShape::Capsule { faces: of_tool, .. } = &mut plan.probes[0].shape {
         *of_tool = faces;
     }
+    let mesh = ToolMesh::of_shape(&plan.probes[0].shape);
+    let faces = mesh.map_or(0, |mesh| mesh.triangles.len());
     Ok(Pair {
         model,
         tool: format!("{tool}-{faces}"),
@@ -214,7 +227,7 @@ fn with_seed(plan: &ScenePlan, to: u64) -> ScenePlan {
 }
 
 fn table(found: &Tools) -> String {
-    let heads = "model | tool | seed | contact\nticks | behind\n% | late\n% | different\n% | force off\nmN p50 | p99 | max | not late\nmax | force\nN p99 | step\nN max | reference\nN max | units\np50 | p99 | broken";
+    let heads = "model | tool | seed | contact\nticks | behind\n% | late\n% | different\n% | force off\nmN p50 | p99 | max | not late\nmax | force\nN p99 | step\nN max | reference\nN max | beyond\nN max | units\np50 | p99 | broken";
     let mut table = Table::new(2, heads).compact();
     let millinewtons = |newtons: f64| format!("{:.1}", 1e3 * newtons);
     let percent = |share: f64| format!("{:.2}", 100.0 * share);
@@ -235,10 +248,36 @@ fn table(found: &Tools) -> String {
             format!("{:.2}", row.force_n.p99),
             format!("{:.3}", row.force_step_n_max),
             format!("{:.3}", row.reference_step_n_max),
+            format!("{:.3}", row.step_beyond_n_max),
             format!("{:.0}", row.units.p50),
             format!("{:.0}", row.units.p99),
             row.broken().join(", "),
         ]);
     }
     format!("a tool beside the same with unlimited work in every tick\n{table}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_faces_that_are_let_in_are_those_of_a_scene() {
+        assert!(SCENE.contains("faces = 960 }"));
+        for (faces, fits) in [(11, false), (12, true), (4096, true), (4097, false)] {
+            let text = SCENE.replace("faces = 960 }", &format!("faces = {faces} }}"));
+            let planned = scene(&text);
+            assert_eq!(planned.is_ok(), fits, "{faces}: {:?}", planned.err());
+            assert_eq!(TOOL_FACES.contains(&faces), fits, "{faces}");
+        }
+    }
+
+    #[test]
+    fn a_tool_is_named_by_the_faces_that_it_has() {
+        let folder = tempfile::tempdir().expect("there is a temporary folder");
+        for (asked, has) in [(12, 12), (13, 12), (960, 924)] {
+            let pair = pair("relief:1000", asked, folder.path()).expect("it is a shape");
+            assert_eq!(pair.tool, format!("capsule-{has}"));
+        }
+    }
 }

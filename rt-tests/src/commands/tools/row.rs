@@ -69,6 +69,9 @@ pub struct Row {
     pub reference_step_n_max: f64,
     /// Largest change less the stiffness times the motion of the device.
     pub step_beyond_motion_n_max: f64,
+    /// Largest change less that and less the reference's from the same force in the same tick,
+    /// beyond what a hand does not notice; 0 where none is.
+    pub step_beyond_n_max: f64,
     /// Units of work in a tick in contact.
     pub units: Quantiles,
 }
@@ -100,10 +103,7 @@ impl Row {
             ),
             (self.late_share <= MAX_LATE, "late contacts"),
             (self.behind_share <= MAX_BEHIND, "behind"),
-            (
-                self.step_beyond_motion_n_max <= self.reference_step_n_max,
-                "force step",
-            ),
+            (self.step_beyond_n_max <= 0.0, "force step"),
         ];
         let broken = checks.into_iter().filter(|(is_kept, _)| !is_kept);
         broken.map(|(_, name)| name).collect()
@@ -163,6 +163,7 @@ impl TickSums {
         let row = &mut self.row;
         row.ticks += 1;
         let difference = tick.force.distance(tick.expected);
+        let unnoticed = DIFFERENCE_N.max(DIFFERENCE_SHARE * tick.expected.length());
         if let Some(last) = self.last.replace(tick.force) {
             let step = tick.force.distance(last);
             let of_motion = self.stiffness_n_per_m * tick.travelled_m;
@@ -171,6 +172,8 @@ impl TickSums {
             row.reference_step_n_max = max_or_nan(row.reference_step_n_max, of_reference);
             row.step_beyond_motion_n_max =
                 max_or_nan(row.step_beyond_motion_n_max, step - of_motion);
+            let beyond = step - of_motion - of_reference - unnoticed;
+            row.step_beyond_n_max = max_or_nan(row.step_beyond_n_max, beyond);
         }
         if !tick.is_contact && difference == 0.0 {
             return;
@@ -182,8 +185,7 @@ impl TickSums {
         if !tick.is_late {
             row.difference_not_late_n_max = max_or_nan(row.difference_not_late_n_max, difference);
         }
-        let most = DIFFERENCE_N.max(DIFFERENCE_SHARE * tick.expected.length());
-        let is_same = difference <= most;
+        let is_same = difference <= unnoticed;
         self.different += u64::from(!is_same);
         self.differences.push(difference);
         self.forces.push(tick.expected.length());
@@ -254,6 +256,40 @@ mod tests {
             ..TICK
         };
         assert_eq!(broken(&jump, 1), ["force step"]);
+    }
+
+    #[test]
+    fn a_step_is_judged_beside_that_of_the_reference_in_the_same_tick() {
+        let mut sums = TickSums::new(["model", "tool"], 1, 800.0);
+        (0..1000).for_each(|_| sums.add(&TICK));
+        // Both go by as much in one tick, and back.
+        let both = TickDifference {
+            force: DVec3::Z * 2.0,
+            expected: DVec3::Z * 2.0,
+            ..TICK
+        };
+        sums.add(&both);
+        sums.add(&TICK);
+        // In another one the reference stands still.
+        let alone = TickDifference {
+            force: DVec3::Z * 1.25,
+            ..TICK
+        };
+        sums.add(&alone);
+        let row = sums.row();
+        assert!(row.reference_step_n_max >= 1.0 && row.force_step_n_max <= 1.0);
+        assert!((row.step_beyond_n_max - 0.12).abs() < 1e-9, "{row:?}");
+        assert_eq!(row.broken(), ["force step"]);
+    }
+
+    #[test]
+    fn a_step_that_is_not_noticed_is_none() {
+        let noise = TickDifference {
+            force: DVec3::Z * (1.0 + 1e-12),
+            travelled_m: 0.0,
+            ..TICK
+        };
+        assert!(broken(&noise, 10).is_empty());
     }
 
     #[test]
