@@ -214,7 +214,7 @@ struct Source {
 enum Change {
     Nothing,
     /// Another station is there too.
-    Beside,
+    Second,
     /// Another one is the source.
     Instead,
 }
@@ -239,7 +239,7 @@ impl Source {
             self.has_told |= tells;
             self.has_other |= other.is_some();
             return if tells {
-                Change::Beside
+                Change::Second
             } else {
                 Change::Nothing
             };
@@ -396,7 +396,7 @@ impl<'a> Fetch<'a> {
         source.heard = source.heard.max(download.heard());
         match source.hear(&heard.stations, self.now()) {
             Change::Nothing => {}
-            Change::Beside => note!(
+            Change::Second => note!(
                 "another station serves the domain \"{}\" too, and the scene is that of the one that was heard first: stop one of them, or choose another --domain",
                 self.domain.name()
             ),
@@ -453,7 +453,7 @@ mod tests {
             assert_eq!(source.station, 1);
         }
         told.retain(|&change| change != Change::Nothing);
-        assert_eq!(told, [Change::Beside]);
+        assert_eq!(told, [Change::Second]);
         let heard = source.heard;
         assert_eq!(source.hear(&[2], heard + SOURCE_SILENCE), Change::Nothing);
         let late = heard + SOURCE_SILENCE + ms(1);

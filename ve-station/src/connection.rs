@@ -225,7 +225,8 @@ impl<D: AsRef<[u8]>> Connection<D> {
 
     /// The same, and tells every second who is connected. `tell` may hang, as in a write to a
     /// terminal that is paused: it has a thread of its own, and what is to be told meanwhile is
-    /// left out. At the end it is dropped there, which is waited for, but not for long.
+    /// left out. At the end it is dropped there, which is waited for, but not for long: one that
+    /// hangs is not dropped.
     pub fn run_telling(
         &mut self,
         stop: &AtomicBool,

@@ -22,7 +22,7 @@ enum Told {
 pub struct Teller {
     told: Option<SyncSender<Told>>,
     thread: Option<JoinHandle<()>>,
-    /// Whether a status waits: it takes no room from the warnings, and the next one is newer.
+    /// Whether a status waits: only one does, since the next one is newer.
     status_waits: Arc<AtomicBool>,
     /// Warnings that found no room, until that is told.
     left_out: u64,
@@ -69,7 +69,7 @@ impl Teller {
     }
 
     /// Waits until all is told, at most for [`TOLD_ENDS`]: who hangs then is left to end with the
-    /// process.
+    /// process, without being dropped.
     pub fn end(&mut self) {
         self.warn_of_left_out();
         self.told = None;

@@ -123,7 +123,8 @@ pub mod active {
     pub const NEARER: f64 = 2.0;
     /// Time of motion within which a probe could touch.
     pub const TOUCH_S: f64 = 0.002;
-    /// Objects that are entered into the broad phase, or looked at for that, a tick at the most.
+    /// Objects that are entered into the broad phase, or looked at for that, a tick at the most;
+    /// and models that are looked at for one to be asked for.
     pub const PLACED_A_TICK: usize = 64;
 }
 

@@ -62,9 +62,9 @@ impl LoadedScene {
         add_own_devices(&mut overrides, &mut files, &DiskFiles);
         let path = manifest.path();
         let mut plan = load_sent(&path, &overrides, &files)?;
-        // What a station says about this machine's disk does not count.
+        // What a station says about this machine's disk does not count, but that nothing is kept.
         plan.record = scene::RecordPlan {
-            keep_bytes: Some(super::KEEP_BYTES),
+            keep_bytes: plan.record.keep_bytes.map(|_| super::KEEP_BYTES),
             path: None,
         };
         Ok(Self {

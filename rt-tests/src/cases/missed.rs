@@ -109,8 +109,8 @@ struct Watch {
     /// Ticks after which a controller can have answered: the force of a tick acts for a period, and
     /// falls by the limit of slew.
     answered: u32,
-    /// The most that was put out until then, joules: the force went on while nobody looked, and a
-    /// controller cannot know that beforehand.
+    /// The most that was put out until then beyond what had been at the miss, joules: the force
+    /// went on while nobody looked, and a controller cannot know that beforehand.
     of_miss_j: f64,
 }
 
@@ -119,13 +119,18 @@ impl Watch {
     /// measure is beyond that of the miss itself.
     fn tick(&mut self, work_j: f64, measure: Measure) -> Option<f64> {
         self.ticks += 1;
-        let put_out_j = measure(&Since {
-            contact_j: work_j - self.before_j[0],
-            miss_j: work_j - self.before_j[1],
-            stored_j: self.stored_j,
-        });
+        let measured = |work_j: f64| {
+            measure(&Since {
+                contact_j: work_j - self.before_j[0],
+                miss_j: work_j - self.before_j[1],
+                stored_j: self.stored_j,
+            })
+        };
+        let put_out_j = measured(work_j);
         if self.ticks <= self.answered {
-            self.of_miss_j = max_or_nan(self.of_miss_j, put_out_j);
+            // What the contact had put out before is the controller's.
+            let grown_j = put_out_j - positive(measured(self.before_j[1]));
+            self.of_miss_j = max_or_nan(self.of_miss_j, grown_j);
         }
         (self.ticks == MISS_TICKS).then_some(put_out_j - self.of_miss_j)
     }
@@ -269,12 +274,13 @@ mod tests {
             answered: 2,
             of_miss_j: 0.0,
         };
-        for (work_j, expected) in [(1.5, None), (3.0, None), (3.5, None)] {
-            assert_eq!(watch.tick(work_j, |since| since.contact_j), expected);
+        for work_j in [1.5, 3.0, 3.5] {
+            assert_eq!(watch.tick(work_j, |since| since.contact_j), None);
         }
         for _ in 3..MISS_TICKS - 1 {
             assert_eq!(watch.tick(3.25, |since| since.contact_j), None);
         }
-        assert_eq!(watch.tick(3.25, |since| since.contact_j), Some(0.25));
+        // A joule was put out before the miss, and a quarter after the answer; one is of the miss.
+        assert_eq!(watch.tick(3.25, |since| since.contact_j), Some(1.25));
     }
 }

@@ -497,10 +497,10 @@ mod tests {
     use rand::SeedableRng;
     use rand_xoshiro::Xoshiro256PlusPlus;
 
-    /// A wall that is somewhere else: every force is zero, and nothing is put out.
+    /// A wall that is far below: every force is zero, and nothing is put out.
     const NO_WALL: Setup = Setup {
         pose: Pose {
-            position: DVec3::new(0.0, 0.0, -1.0),
+            position: DVec3::new(0.0, 0.0, -1000.0),
             orientation: DQuat::IDENTITY,
         },
         rate_hz: 500.0,

@@ -52,8 +52,8 @@ pub struct StabilityArgs {
     /// Seed of everything that is random
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
-    /// Put each case's fault into the product: every case is to fail with it, and to pass without.
-    /// Needs a build with --features mutants
+    /// Put each case's fault into the product: every case but the open ones is to fail with it, and
+    /// to pass without. Needs a build with --features mutants
     #[arg(long, alias = "faults")]
     pub mutants: bool,
     /// Print each case's parameters beside the facts, and where it departs from the product
@@ -102,8 +102,12 @@ pub struct Stability {
     /// What a step takes, with `--peers` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub step_times: Vec<StepTimes>,
-    /// The faults in the product; with `--mutants` only.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
+    /// The faults in the product, with `--mutants` only; those of open cases are not in JSON, where
+    /// a script asks whether all are killed.
+    #[serde(
+        skip_serializing_if = "Vec::is_empty",
+        serialize_with = "kills::closed"
+    )]
     pub mutants: Vec<MutantFound>,
 }
 
@@ -184,7 +188,7 @@ pub struct MutantFound {
     /// Whether that could be told: without the fault the case keeps to its limit.
     pub judged: bool,
     /// Why the case is known not to keep to its limit; it is not run then.
-    #[serde(skip_serializing_if = "str::is_empty")]
+    #[serde(skip)]
     pub open: &'static str,
     /// Why it could not be told, or why what happened is no kill.
     #[serde(skip_serializing_if = "String::is_empty")]

@@ -64,6 +64,8 @@ pub fn send(
     let (mut seconds, mut ticks) = (0.0, 0);
     // Whether the last tick is in them.
     let (mut has_point, mut has_frame) = (true, true);
+    // Pictures left out before it.
+    let mut left_out = 0;
     loop {
         let reach = follower.read(|plan, record, twin| {
             (seconds, ticks) = (record.tick as f64 / plan.loop_.rate_hz, ticks + 1);
@@ -72,6 +74,7 @@ pub fn send(
             if has_point {
                 screen.point(seconds)?;
             }
+            left_out = pace.left_out;
             has_frame = pace.is_frame_due(seconds);
             if has_frame {
                 pace.sent(screen.frame(plan, record, twin)?);
@@ -89,6 +92,8 @@ pub fn send(
         screen.point(seconds)?;
     }
     if let Some((record, twin)) = follower.last().filter(|_| !has_frame) {
+        // It may have been due without room.
+        pace.left_out = left_out;
         pace.sent(screen.frame(&follower.plan, record, twin)?);
         told(seconds);
     }

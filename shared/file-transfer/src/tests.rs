@@ -81,8 +81,8 @@ fn server(station: u64, content: &[u8]) -> FileServer {
     FileServer::new(station, hash, BTreeMap::from([(hash, content.to_vec())]))
 }
 
-/// Milliseconds until the scene is whole, or an error; from time to time the station starts anew, as
-/// its client hears at once.
+/// Milliseconds until the scene is whole, or an error; from time to time the station starts anew,
+/// as its client hears at once.
 fn fetch(
     contents: &[Vec<u8>],
     link: Link,

@@ -53,8 +53,8 @@
 //! **Files.** The plan of the scene and the files that it names (tools, height maps, trajectories)
 //! are asked for before any session, chunk by chunk, by the hash of their content ([`FileAsk`],
 //! [`FileChunk`]); [`FileHash::SCENE`] stands for the plan. They belong to no session, epoch or
-//! credit: no more than [`CREDIT_CHUNKS`] are asked for at a time. Every station of a domain answers
-//! them, with its incarnation in each chunk: a client takes those of one.
+//! credit: no more than [`CREDIT_CHUNKS`] are asked for at a time. Every station of a domain
+//! answers them, with its incarnation in each chunk: a client takes those of one.
 //!
 //! ```
 //! use protocol::{AnswerItem, AnswersReader, AnswersWriter};

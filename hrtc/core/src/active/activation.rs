@@ -207,7 +207,8 @@ impl ActiveSet {
 
     /// The place for an object that a probe needs, at a distance from it, metres.
     fn place_for(&self, distance: f64, tick: u64) -> Option<usize> {
-        // Nothing can be touched of an object whose model may never come.
+        // Nothing can be touched of an object whose model may never come; it may be on its way,
+        // too.
         let is_lost = |of: &ActiveObject| of.object().is_some_and(|o| self.is_lost_object(o));
         let lost = || self.objects.iter().position(is_lost);
         let farthest = || {
@@ -218,11 +219,11 @@ impl ActiveSet {
             farthest.map(|(k, _)| k)
         };
         let idle = self.idle_place(self.horizons.sleep, tick);
-        idle.or_else(lost).or_else(farthest)
+        idle.or_else(farthest).or_else(lost)
     }
 
-    /// The place for an object whose model is only to be known: an idle one. Where none will be idle
-    /// as long as the hands stay, and there is no force for want of a model, it is that of the
+    /// The place for an object whose model is only to be known: an idle one. Where none will be
+    /// idle as long as the hands stay, and there is no force for want of a model, it is that of the
     /// object in reach whose surface is farthest. Not of one that is touched: its proxy knows from
     /// where the hand came.
     fn place_to_fetch(&self, tick: u64) -> Option<usize> {

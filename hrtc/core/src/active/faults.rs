@@ -62,7 +62,7 @@ impl ModelFaults {
     /// others, all is awaited as at the start.
     pub fn ask_again(&mut self, is_known: impl Fn(usize) -> bool) {
         self.turned_away = None;
-        if self.lost == self.of_model.len() {
+        if !(0..self.of_model.len()).any(&is_known) {
             self.of_model.fill(None);
         }
         for (is_asked, fault) in self.is_asked.iter_mut().zip(&self.of_model) {

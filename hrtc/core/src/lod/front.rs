@@ -77,6 +77,9 @@ pub(super) struct LookBehind {
     pub place: Option<Cursor>,
     /// Whether that was the last one of the closure.
     pub is_over: bool,
+    /// The most faces that a split might change when one of these had to wait; 0 before. A tick
+    /// with time for more looks at all of them anew.
+    pub max_fan: u32,
 }
 
 impl LookBehind {

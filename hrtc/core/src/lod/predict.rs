@@ -5,8 +5,8 @@
 //! Each source is a ball; the regions whose cells it meets are predicted, each with the tick at
 //! which the contact may be there. The *refined* set is to be performed by then, the *loaded* set
 //! to be in the cache. In every tick of a millisecond one ball of the finest ring and one of a
-//! coarser ring are looked at, so that a tick costs little; after [`TURNS`] of them the finest ring
-//! has been looked at all around.
+//! coarser ring are looked at, so that a tick costs little (under a probe wider than cells one at
+//! each face that holds it); after [`TURNS`] of them the finest ring has been looked at all around.
 
 use super::cells::{Motion, ticks_to_leave, ticks_until, visit_ball};
 use crate::cache::RegionKey;
@@ -422,7 +422,7 @@ impl Predictor {
             });
         };
         // From the centre of so wide a ball the look would end before it came to the surface.
-        let is_wide = look == Look::Here && motion.radius > MAX_CELLS * grid.cell;
+        let is_wide = look == Look::Here && around > MAX_CELLS * grid.cell;
         if !is_wide || self.touched[0].is_none() {
             visit_around(centre, radius);
             return;

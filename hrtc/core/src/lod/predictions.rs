@@ -138,8 +138,8 @@ impl Predictions {
     /// Marks a predicted region in the table, or keeps it to be requested.
     pub(super) fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
-            // For each probe a look goes to one ball of each of two rings, and in a tick four go to
-            // those of a tool.
+            // For each probe a look goes to one ball of each of two rings, or to three under a wide
+            // one, and in a tick four go to those of a tool.
             // A region that comes twice is requested once; one that finds no room comes again.
             if self.unknown.len() < self.unknown.capacity() {
                 self.unknown.push(Unknown {

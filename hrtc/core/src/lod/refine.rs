@@ -247,12 +247,15 @@ impl Front {
     ) -> bool {
         let before = *entries;
         let known = self.behind.filter(|of| of.is_of(region, slot));
-        let mut look = known.filter(|_| is_fold).unwrap_or(LookBehind {
+        let goes_on =
+            |of: &LookBehind| is_fold && (of.max_fan == 0 || of.max_fan >= budget.max_fan);
+        let mut look = known.filter(goes_on).unwrap_or(LookBehind {
             region,
             key: self.cache.regions.at(region).key,
             slot,
             place: None,
             is_over: false,
+            max_fan: 0,
         });
         let mut none_comes = true;
         while !look.is_over && budget.has_operations() {
@@ -269,6 +272,9 @@ impl Front {
             };
             if !tried.is_performed() {
                 *entries = entries.saturating_sub(ENTRIES_PER_WAIT);
+            }
+            if tried == Transition::Deferred {
+                look.max_fan = look.max_fan.max(budget.max_fan);
             }
             // Where nothing moves, what is deferred does not come of itself.
             let is_moving = !self.cache.mesh().geomorphs().is_empty();

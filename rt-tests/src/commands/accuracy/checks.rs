@@ -8,6 +8,9 @@ use crate::trajectory::scene_model::SceneModel;
 use hrtc_core::contact::sphere_proxy::SAME_WITHIN;
 use hrtc_core::record::max_or_nan;
 
+/// Ticks of contact of which the station measures some in any case, a tenth of a second at 4 kHz:
+/// it keeps measured errors back for up to 50 ms.
+const MEASURED_TICKS: u64 = 400;
 /// What may be certified beside what is true.
 const TIGHT: f64 = 3.0;
 
@@ -141,7 +144,7 @@ fn of_full_mesh(scales: &Scales<'_>, point: &Point) -> [Check; 4] {
 /// exact distance is found here, on the same mesh: its largest error is there, and not above the
 /// largest true one by more than rounding. A query alone has no station.
 fn is_measured(point: &Point, rounding_m: f64) -> bool {
-    let asks = point.contact_ticks > 0 && point.knob != Knob::Precision;
+    let asks = point.contact_ticks > MEASURED_TICKS && point.knob != Knob::Precision;
     // What is no number is in no range.
     !asks || (0.0..=point.true_m + rounding_m).contains(&point.measured_m)
 }
@@ -173,7 +176,7 @@ mod tests {
     /// A setting of the dial in which all is well.
     fn good() -> Point {
         Point {
-            contact_ticks: 100,
+            contact_ticks: 1000,
             common_ticks: 100,
             certified_m: 2e-4,
             true_m: 1e-4,

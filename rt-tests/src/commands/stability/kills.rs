@@ -7,12 +7,18 @@ use crate::cases::{Case, all};
 use crate::failure::Failure;
 use crate::report::table::Table;
 use mutants::Mutant;
+use serde::Serializer;
 
 /// Mutants that are known to break no measure, and why.
 const BY_PREMISE: [(Mutant, &str); 1] = [(
     Mutant::ToolTorque,
     "a tool without a torque has none that could change too fast; that it has one must happen",
 )];
+
+/// Writes those of cases that are not open.
+pub(super) fn closed<S: Serializer>(found: &[MutantFound], to: S) -> Result<S::Ok, S::Error> {
+    to.collect_seq(found.iter().filter(|of| of.open.is_empty()))
+}
 
 impl MutantFound {
     /// What a case came to without the fault and with it. A run that broke off has measured

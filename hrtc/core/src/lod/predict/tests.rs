@@ -180,7 +180,7 @@ fn a_ball_wider_than_cells_refines_where_it_touches_and_another_around_its_centr
     let is_refined = |all: &std::collections::BTreeMap<RegionKey, bool>, place: DVec3| {
         all.get(&key(0, place)).copied().unwrap_or_default()
     };
-    for cells in [0.16, 1.0, 1.9] {
+    for cells in [0.16, 1.0, 1.3] {
         let mut touched = [None; MAX_PUSHING];
         touched[0] = Some(centre - DVec3::Z * (cells * cell));
         let narrow = round_of(cells * cell, touched);
