@@ -59,6 +59,20 @@ impl Failure {
     }
 }
 
+/// What is said of how a measurement ended beside what it had measured by then.
+///
+/// # Errors
+/// The failure itself where that is nothing: it is all that there is to say.
+pub fn beside_measured(
+    ended: Result<(), Failure>,
+    is_nothing: bool,
+) -> Result<Vec<String>, Failure> {
+    match ended {
+        Err(failure) if is_nothing => Err(failure),
+        ended => Ok(ended.err().iter().map(Failure::to_string).collect()),
+    }
+}
+
 impl From<SceneError> for Failure {
     fn from(error: SceneError) -> Self {
         Self::Input(error.to_string())

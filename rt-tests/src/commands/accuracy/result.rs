@@ -1,6 +1,6 @@
 //! What comes out, as it lies in the JSON. Numbers only; lengths in metres, times as named.
 
-use crate::failure::Failure;
+use crate::failure::{Failure, beside_measured};
 use crate::report::quantile::Quantiles;
 use hrtc::tick_record::STAGES;
 use serde::Serialize;
@@ -375,12 +375,7 @@ impl Accuracy {
     /// # Errors
     /// The failure where nothing was measured: it is all that there is to say.
     pub fn ended(mut self, ended: Result<(), Failure>) -> Result<Self, Failure> {
-        if let Err(failure) = ended {
-            if self.points.is_empty() {
-                return Err(failure);
-            }
-            self.failed.push(failure.to_string());
-        }
+        self.failed = beside_measured(ended, self.points.is_empty())?;
         self.pass = self.failed.is_empty() && self.checks.iter().all(|check| check.pass);
         Ok(self)
     }

@@ -32,7 +32,7 @@ pub(super) mod timing;
 pub(super) mod tools;
 pub(super) mod update;
 
-use crate::failure::{Chosen, Failure};
+use crate::failure::{Chosen, Failure, beside_measured};
 use crate::models::Model;
 use crate::models::source::{open, source, typed_or, unused};
 use crate::models::surface::Surface;
@@ -137,12 +137,7 @@ impl Compare {
     /// # Errors
     /// The failure where nothing was measured: it is all that there is to say.
     fn ended(mut self, ended: Result<(), Failure>) -> Result<Self, Failure> {
-        if let Err(failure) = ended {
-            if self.rows.is_empty() && self.growth.is_empty() {
-                return Err(failure);
-            }
-            self.failed.push(failure.to_string());
-        }
+        self.failed = beside_measured(ended, self.rows.is_empty() && self.growth.is_empty())?;
         let broken = marking::broken(&self.marking, &self.update_share);
         self.broken.extend(broken);
         self.broken.extend(levels::broken(&self.growth_levels));

@@ -13,7 +13,7 @@ pub mod scenes;
 mod shapes;
 mod words;
 
-use crate::failure::Failure;
+use crate::failure::{Failure, beside_measured};
 use crate::processes::bare_loop::{BareWork, run_bare};
 use crate::processes::pair::{PairArgs, other_core, run_pair};
 use crate::processes::roles::LoopArgs;
@@ -82,13 +82,7 @@ impl Deadline {
         left_out: Vec<String>,
         ended: Result<(), Failure>,
     ) -> Result<Self, Failure> {
-        let mut failed = Vec::new();
-        if let Err(failure) = ended {
-            if rows.is_empty() {
-                return Err(failure);
-            }
-            failed.push(failure.to_string());
-        }
+        let failed = beside_measured(ended, rows.is_empty())?;
         Ok(Self {
             pass: failed.is_empty() && rows.iter().all(Row::passes),
             rows,
@@ -316,17 +310,8 @@ fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
+    use super::words::tests::kept;
     use super::*;
-
-    /// A row that keeps all that is asked of it.
-    fn kept() -> Row {
-        Row {
-            contact_ticks: 1,
-            measured_errors: 1,
-            reference_p999_ratio: 1.0,
-            ..Row::default()
-        }
-    }
 
     #[test]
     fn a_row_that_fails_leaves_those_before_it() {

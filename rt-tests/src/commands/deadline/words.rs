@@ -159,11 +159,12 @@ fn verdict(found: &Deadline) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use hrtc::result::ShortSpread;
 
-    fn kept() -> Row {
+    /// A row that keeps all that is asked of it.
+    pub fn kept() -> Row {
         Row {
             contact_ticks: 1,
             measured_errors: 1,

@@ -9,7 +9,7 @@ mod verdict;
 mod words;
 
 use super::deadline::scenes::{Scene, SceneArgs, check_slow, scenes};
-use crate::failure::Failure;
+use crate::failure::{Failure, beside_measured};
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_bar};
 use crate::scenes::{check_seconds, prepare_models};
@@ -76,13 +76,7 @@ impl Policies {
         left_out: Vec<String>,
         ended: Result<(), Failure>,
     ) -> Result<Self, Failure> {
-        let mut failed = Vec::new();
-        if let Err(failure) = ended {
-            if rows.is_empty() {
-                return Err(failure);
-            }
-            failed.push(failure.to_string());
-        }
+        let failed = beside_measured(ended, rows.is_empty())?;
         Ok(Self {
             verdict: verdict(&rows),
             faults: words::faults(&rows),
