@@ -6,7 +6,9 @@
 //! first, as long as it is heard.
 
 use crate::message::note;
-use crate::tuning::{FETCH_POLL, FETCH_SILENCE, FETCH_TOLD, OTHER_VERSION_HEARD, STATION_TIMEOUT};
+use crate::tuning::{
+    FETCH_POLL, FETCH_SILENCE, FETCH_TOLD, OTHER_VERSION_HEARD, SOURCE_SILENCE, STATION_TIMEOUT,
+};
 use file_transfer::{Download, DownloadError};
 use iceoryx2::node::Node;
 use iceoryx2::port::subscriber::Subscriber;
@@ -18,10 +20,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 use thiserror::Error;
 use transport::{Domain, Heartbeats, MAX_QUEUED, RequestSender, TransportError, receive_in_turn};
-
-/// Silence of the station whose scene is fetched after which another one is listened to: longer
-/// than any that a link makes by losses, and a part of [`FETCH_SILENCE`].
-const SOURCE_SILENCE: Duration = Duration::from_secs(3);
 
 /// Why there is no scene: one sentence.
 #[derive(Debug, Error)]

@@ -94,6 +94,9 @@ pub const FETCH_STATION: Duration = Duration::from_secs(30);
 /// Silence after which a station counts as lost while its scene is fetched: three of the longest
 /// times between two questions for the same.
 pub const FETCH_SILENCE: Duration = Duration::from_secs(15);
+/// Silence of the station whose scene is fetched after which another one is listened to: longer
+/// than any that a link makes by losses, and a part of [`FETCH_SILENCE`].
+pub const SOURCE_SILENCE: Duration = Duration::from_secs(3);
 /// Time after which a fetch says how far it is, and between two such lines.
 pub const FETCH_TOLD: Duration = Duration::from_secs(2);
 /// How long a station of this version is waited for after one of another was heard: ten heartbeats.

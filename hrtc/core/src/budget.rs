@@ -3,23 +3,10 @@
 use crate::contact::query::{Deadline, Work};
 use crate::costs::{QueryWork, WorkCosts};
 use crate::observer::{StageObserver, Timed};
-use crate::tuning::governor::{
-    ENTRIES_PER_FACE, LARGE_FACES, MIN_SEARCH_UNITS, OPERATION_FACES, TIME_SHARE,
-};
+use crate::tuning::governor::{ENTRIES_PER_FACE, LARGE_FACES, MIN_SEARCH_UNITS, OPERATION_FACES};
 use crate::work::TickWork;
 use scene::MAX_PROBES;
 use spm::OperationFaces;
-
-impl Timed {
-    /// As [`Self::last_begin`] in a tick in which reading the devices took this share of a period,
-    /// at least 0: of what that leaves of a tick's share, work begins in the same part.
-    #[must_use]
-    pub fn last_begin_after(self, read: f64) -> f64 {
-        let last = self.last_begin();
-        // A sum: where it took nothing, not a bit changes.
-        last + read.min(TIME_SHARE) * (1.0 - last / TIME_SHARE)
-    }
-}
 
 /// Remaining work of a tick.
 pub struct Budget<'a> {
@@ -336,27 +323,6 @@ mod tests {
         // Once more, as by another session.
         budget.end_ingest();
         assert_eq!((budget.ingest, budget.unspent_ingest), (0, 72));
-    }
-
-    #[test]
-    fn what_the_reading_of_the_devices_took_comes_before_the_time_of_the_core() {
-        for work in Timed::ALL {
-            assert_eq!(
-                work.last_begin_after(0.0).to_bits(),
-                work.last_begin().to_bits()
-            );
-            let mut before = 0.0;
-            for read in [0.0, 0.1, 0.3, 0.5, 0.69] {
-                let last = work.last_begin_after(read);
-                assert!(
-                    last > read && last > before && last < TIME_SHARE,
-                    "{work:?} {last}"
-                );
-                before = last;
-            }
-            let most = work.last_begin_after(5.0);
-            assert!((most - TIME_SHARE).abs() < 1e-12, "{work:?} {most}");
-        }
     }
 
     #[test]

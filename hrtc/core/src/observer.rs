@@ -3,7 +3,7 @@
 
 use crate::contact::query::Surface;
 use crate::contact::rigid_proxy::ToolProxy;
-use crate::tuning::governor::{LAST_REFINEMENT, LAST_STEP};
+use crate::tuning::governor::{LAST_REFINEMENT, LAST_STEP, TIME_SHARE};
 use geometry::Pose;
 
 /// Stages of a tick, reported to an observer when they end.
@@ -26,9 +26,10 @@ pub enum Stage {
 /// Kinds of work that end where the time of a tick is over.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Timed {
-    /// Received data, splits, collapses and steps of geomorphs: by half of the period.
+    /// Received data, splits, collapses and steps of geomorphs: by half of the period, later where
+    /// reading the devices takes a part of it.
     Refinement,
-    /// Steps and searches of the proxies: by six tenths of it.
+    /// Steps and searches of the proxies: by six tenths of it, or as much later.
     Contact,
 }
 
@@ -43,6 +44,15 @@ impl Timed {
             Self::Refinement => LAST_REFINEMENT,
             Self::Contact => LAST_STEP,
         }
+    }
+
+    /// As [`Self::last_begin`] in a tick in which reading the devices took this share of a period,
+    /// at least 0: of what that leaves of a tick's share, work begins in the same part.
+    #[must_use]
+    pub fn last_begin_after(self, read: f64) -> f64 {
+        let last = self.last_begin();
+        // A sum: where it took nothing, not a bit changes.
+        last + read.min(TIME_SHARE) * (1.0 - last / TIME_SHARE)
     }
 }
 
@@ -80,4 +90,30 @@ pub struct NoObserver;
 
 impl StageObserver for NoObserver {
     fn ended(&mut self, _: Stage) {}
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_the_reading_of_the_devices_took_comes_before_the_time_of_the_core() {
+        for work in Timed::ALL {
+            assert_eq!(
+                work.last_begin_after(0.0).to_bits(),
+                work.last_begin().to_bits()
+            );
+            let mut before = 0.0;
+            for read in [0.0, 0.1, 0.3, 0.5, 0.69] {
+                let last = work.last_begin_after(read);
+                assert!(
+                    last > read && last > before && last < TIME_SHARE,
+                    "{work:?} {last}"
+                );
+                before = last;
+            }
+            let most = work.last_begin_after(5.0);
+            assert!((most - TIME_SHARE).abs() < 1e-12, "{work:?} {most}");
+        }
+    }
 }

@@ -39,10 +39,11 @@ pub mod governor {
     pub const SHARE_RETURN_S: f64 = 4.0;
     /// Shares of a period, counted from where it was planned to begin, after which no split,
     /// collapse, step of a geomorph or record, and no step or search of a proxy, begins any more:
-    /// where a tick takes longer than its work should. What was begun ends, and limits, forces and
-    /// their sending come after it. On a machine that is slowed down eight times (`rt-tests run
-    /// --slow 8`, dragon with a tool, three alternations) steps until 0.4 and 0.5 miss no fewer
-    /// periods.
+    /// where a tick takes longer than its work should. Where reading the devices takes a part of
+    /// the period they are later ([`crate::Timed::last_begin_after`]). What was begun ends, and
+    /// limits, forces and their sending come after it. On a machine that is slowed down eight
+    /// times (`rt-tests run --slow 8`, dragon with a tool, three alternations) steps until 0.4 and
+    /// 0.5 miss no fewer periods.
     pub const LAST_REFINEMENT: f64 = 0.5;
     pub const LAST_STEP: f64 = 0.6;
     /// Time in which what the devices' drivers took falls to a third: some periods of a device of
