@@ -11,6 +11,7 @@ use crate::tuning::prediction::{
 use crate::tuning::probe::{MAX_SILENCE_S, SPEED_LEFT_PER_MS, TOUR_RETRY_S};
 use crate::tuning::streaming::MAX_ROOM_WAIT_S;
 use crate::tuning::tick::{FAR_REPORT_S, REPORT_S};
+use geometry::portable::pow;
 use haptic_device::COMMAND_VALIDITY_S;
 use protocol::ANSWER_TIMEOUT_MS;
 
@@ -120,7 +121,7 @@ impl Horizons {
             max_silence: (MAX_SILENCE_S * rate_hz).round() as u64,
             validity: whole(COMMAND_VALIDITY_S),
             tour_retry: whole(TOUR_RETRY_S),
-            speed_left: SPEED_LEFT_PER_MS.powf(1e3 / rate_hz),
+            speed_left: pow(SPEED_LEFT_PER_MS, 1e3 / rate_hz),
             prediction: PredictionHorizons {
                 landing: ticks(LANDING_S),
                 spans: SPANS_S.map(|seconds| whole(seconds) as usize),

@@ -4,6 +4,7 @@
 use crate::contact::motion::Placement;
 use crate::instance::ModelFrame;
 use geometry::Pose;
+use geometry::portable::slerp;
 use glam::DVec3;
 use haptic_device::Intent;
 use protocol::TourPoint;
@@ -66,7 +67,7 @@ impl Script {
         Some(Intent {
             pose: Pose {
                 position: from.position.lerp(to.position, share),
-                orientation: from.orientation.slerp(to.orientation, share),
+                orientation: slerp(from.orientation, to.orientation, share),
             },
             velocity: (to.position - from.position) / span,
             angular_velocity: rotation(&from, &to) / span,

@@ -34,6 +34,7 @@
 
 #![forbid(unsafe_code)]
 
+use geometry::portable::{rotation, rotation_vector, slerp};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use haptic_device::{
@@ -131,7 +132,7 @@ impl SimulatedDevice {
             (true, false) => pose.orientation,
             (true, true) => {
                 let turned = rotation_vector(pose.orientation);
-                DQuat::from_scaled_axis((turned / encoder).round() * encoder)
+                rotation((turned / encoder).round() * encoder)
             }
         };
         Sample {
@@ -183,7 +184,7 @@ impl SimulatedDevice {
         Intent {
             pose: Pose {
                 position: from.position.lerp(intent.pose.position, share),
-                orientation: from.orientation.slerp(intent.pose.orientation, share),
+                orientation: slerp(from.orientation, intent.pose.orientation, share),
             },
             velocity: (intent.pose.position - from.position) / seconds,
             angular_velocity: rotation_vector(turn) / seconds,
@@ -213,8 +214,7 @@ fn turn(
     rendered: DVec3,
     [dt, to_end]: [f64; 2],
 ) {
-    let target =
-        DQuat::from_scaled_axis(intent.angular_velocity * -to_end) * intent.pose.orientation;
+    let target = rotation(intent.angular_velocity * -to_end) * intent.pose.orientation;
     let away = rotation_vector(target * state.pose.orientation.conjugate());
     let hand = away * plan.hand_stiffness_nm_per_rad
         + intent.angular_velocity * plan.hand_damping_nms_per_rad;
@@ -228,21 +228,9 @@ fn turn(
     let velocity = (state.angular_velocity + (torque + hand) * gain) / (1.0 + damping * gain);
     let turned = velocity * dt;
     state.angular_velocity = velocity;
-    state.pose.orientation = (DQuat::from_scaled_axis(turned) * state.pose.orientation).normalize();
+    state.pose.orientation = (rotation(turned) * state.pose.orientation).normalize();
     state.work_j += torque.dot(turned);
     state.damped_j += plan.damping_nms_per_rad * velocity.dot(turned);
-}
-
-/// Rotation vector of a unit quaternion, radians, its length at most π.
-fn rotation_vector(turn: DQuat) -> DVec3 {
-    let turn = if turn.w < 0.0 { -turn } else { turn };
-    let sine = turn.xyz();
-    let length = sine.length();
-    if length > 0.0 {
-        sine * (2.0 * length.atan2(turn.w) / length)
-    } else {
-        DVec3::ZERO
-    }
 }
 
 impl Device for SimulatedDevice {

@@ -7,10 +7,12 @@
 //! | [`rooms`] | which module imports which, and circles among them |
 //! | [`words`] | the private words that no identifier may use |
 //! | [`citations`] | the papers that comments cite |
+//! | [`portable`] | functions that differ from machine to machine |
 //! | [`walks`] | the two walks through the core, function by function |
 
 mod citations;
 mod functions;
+mod portable;
 mod rooms;
 mod sources;
 mod walks;
@@ -178,6 +180,32 @@ fn pure_crates_deny_clocks_files_and_threads_at_their_root() {
         .map(|file| file.shown.clone())
         .collect();
     assert_none("modules deny or allow it again", &again);
+}
+
+/// What the tick, its device and the station compute is the same on every machine.
+#[test]
+fn the_cores_take_nothing_from_the_c_library() {
+    let crates = crates();
+    let is_core = |name: &str| PURE.contains(&name) || name == "simulated-device";
+    let folders: Vec<_> = crates
+        .iter()
+        .filter(|one| is_core(&one.name))
+        .map(|one| sources::shown(&one.folder.join("src")))
+        .collect();
+    let files = product_files();
+    let of_cores: Vec<_> = files
+        .iter()
+        .filter(|file| folders.iter().any(|folder| file.shown.starts_with(folder)))
+        .collect();
+    assert!(of_cores.len() > 100, "{} files", of_cores.len());
+    let findings: Vec<String> = of_cores
+        .into_iter()
+        .flat_map(portable::calls_of_the_c_library)
+        .collect();
+    assert_none(
+        "calls differ from machine to machine; see geometry::portable",
+        &findings,
+    );
 }
 
 #[test]

@@ -10,6 +10,7 @@
 //! | `segment`, `triangle_distance` | closest points of segments and triangles |
 //! | `triangle_pair`, `exact_contact` | exact intersection of two triangles |
 //! | `predicates` | exact signs |
+//! | [`portable`] | rotations, sines, powers: the same bits on every machine |
 //!
 //! ```
 //! use geometry::closest_point_on_triangle;
@@ -29,6 +30,7 @@ mod aabb;
 mod box_pair;
 mod exact_contact;
 mod four_triangles;
+pub mod portable;
 mod pose;
 mod predicates;
 mod segment;

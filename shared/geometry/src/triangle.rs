@@ -1,5 +1,6 @@
 //! Closest points and overlap of single triangles, in f64 and without any epsilon.
 
+use crate::portable::atan2;
 use glam::DVec3;
 
 /// A point of a triangle closest to a query point.
@@ -34,7 +35,7 @@ pub fn solid_angle(corners: [DVec3; 3], point: DVec3) -> f64 {
     let (la, lb, lc) = (a.length(), b.length(), c.length());
     let volume = a.dot(b.cross(c));
     let denominator = la * lb * lc + a.dot(b) * lc + b.dot(c) * la + c.dot(a) * lb;
-    2.0 * volume.atan2(denominator)
+    2.0 * atan2(volume, denominator)
 }
 
 /// Parameter in 0..=1 of the point of segment `a b` closest to `query`; 0 for a segment of no

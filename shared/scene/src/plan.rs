@@ -21,6 +21,7 @@ pub use movable::{
 };
 
 use geometry::Pose;
+use geometry::portable::hypot;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -333,7 +334,7 @@ impl ProbeShape {
             } => length_m - radius_m,
             Self::Cylinder {
                 radius_m, length_m, ..
-            } => length_m.hypot(*radius_m),
+            } => hypot(*length_m, *radius_m),
             Self::Mesh(mesh) => mesh
                 .positions
                 .iter()

@@ -1,5 +1,7 @@
 //! Errors as 16 bits: logarithmic, and rounded up so that a bound stays a bound.
 
+use geometry::portable::{exp2, log2};
+
 /// Converts errors in model units to u16 codes and back.
 ///
 /// Code 0 is exactly zero. Code c > 0 is `scale * 2^((c - 65535) / 2048)`: 32 octaves below the
@@ -39,7 +41,7 @@ impl ErrorScale {
         if error <= 0.0 {
             return 0;
         }
-        let steps = (error / self.0).log2() * f64::from(Self::OCTAVE);
+        let steps = log2(error / self.0) * f64::from(Self::OCTAVE);
         let mut code = (f64::from(u16::MAX) + steps.ceil()).clamp(1.0, f64::from(u16::MAX)) as u16;
         // Rounding of the logarithm must not lower the bound.
         while code < u16::MAX && self.decode(code) < error {
@@ -85,7 +87,7 @@ impl ErrorScale {
     /// How many times as large the error of the second code is as that of the first. Here code 0
     /// stands for an error below all others, and the largest one for the scale.
     pub(crate) fn growth(from: u16, to: u16) -> f64 {
-        ((f64::from(to) - f64::from(from)) / f64::from(Self::OCTAVE)).exp2()
+        exp2((f64::from(to) - f64::from(from)) / f64::from(Self::OCTAVE))
     }
 }
 

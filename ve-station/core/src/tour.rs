@@ -21,6 +21,7 @@ use crate::tuning::tour::{
     FASTEST_SIDES_PER_S, HOVER_SIDES, MAX_DAMAGED, MAX_MOVED_RADII, MIN_BALL_SIDES,
 };
 use geometry::Pose;
+use geometry::portable::{about, angle_between, cos, sin};
 use glam::{DQuat, DVec3};
 use path::{Leg, Resampler, Sample};
 use protocol::{LONGEST_TOUR_S, Refusal, TOUR_PERIOD_S, TourAsk, TourPoint, tour_points};
@@ -119,7 +120,7 @@ struct Draw(Xoshiro256PlusPlus);
 impl Draw {
     /// Uniform in 0..1.
     fn unit(&mut self) -> f64 {
-        (self.0.next_u64() >> 11) as f64 * (-53f64).exp2()
+        (self.0.next_u64() >> 11) as f64 * 0.5f64.powi(53)
     }
 
     /// Uniform in low..high.
@@ -132,7 +133,7 @@ impl Draw {
         let z = self.between(-1.0, 1.0);
         let angle = self.between(0.0, std::f64::consts::TAU);
         let r = (1.0 - z * z).max(0.0).sqrt();
-        DVec3::new(r * angle.cos(), r * angle.sin(), z)
+        DVec3::new(r * cos(angle), r * sin(angle), z)
     }
 
     /// Uniform below a count, which is not 0.
@@ -368,7 +369,7 @@ impl Tour {
         let (a, b) = (out - self.space.centre, into - self.space.centre);
         let (from_axis, to_axis) = (a.normalize_or(from_up), b.normalize_or(to_up));
         self.resampler.push(out, from_axis, Leg::Free);
-        let angle = from_axis.angle_between(to_axis);
+        let angle = angle_between(from_axis, to_axis);
         let steps = (angle / 0.1).ceil().max(1.0);
         let around = from_axis
             .cross(to_axis)
@@ -378,7 +379,7 @@ impl Tour {
         let (ra, rb) = (a.length() * 1.002, b.length() * 1.002);
         for k in 0..=steps as u32 {
             let share = f64::from(k) / steps;
-            let axis = DQuat::from_axis_angle(around, angle * share) * from_axis;
+            let axis = about(around, angle * share) * from_axis;
             let radius = ra + (rb - ra) * share;
             self.resampler
                 .push(self.space.centre + axis * radius, axis, Leg::Free);

@@ -11,6 +11,7 @@ use crate::tuning::bodies::{
     DISPLACEMENT_LEFT_PER_MS, MAX_SIZES_PER_PERIOD, MAX_STEP_PERIODS, MAX_TURN_PER_PERIOD, STILL_S,
     STILL_SIZES_PER_S,
 };
+use geometry::portable::pow;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -87,7 +88,7 @@ impl Body {
                 period_s,
                 fastest: 0.0,
                 fastest_turn: MAX_TURN_PER_PERIOD / period_s,
-                displacement_left: DISPLACEMENT_LEFT_PER_MS.powf(1e3 * period_s),
+                displacement_left: pow(DISPLACEMENT_LEFT_PER_MS, 1e3 * period_s),
                 is_long: false,
             },
             most_steps: MAX_STEP_PERIODS,
@@ -312,7 +313,7 @@ impl Body {
         let motion = material_motion(last, &self.pose, middle);
         // Of a period, also where one step made up for many.
         let periods = self.since.max(1) as f64;
-        let left = self.step.displacement_left.powf(periods) * self.max_displacement;
+        let left = pow(self.step.displacement_left, periods) * self.max_displacement;
         let mean = motion.farthest(extent.radius()) / periods;
         // Over many it may have turned by more than half a turn, of which the rest is seen.
         let now = if self.since > 1 {

@@ -4,7 +4,8 @@
 //! `v (P / 2π) sin(2π t / P)`. The rotation follows the same law.
 
 use geometry::Pose;
-use glam::{DQuat, DVec3};
+use geometry::portable::{rotation, sin};
+use glam::DVec3;
 use scene::DrivenPlan;
 use std::f64::consts::TAU;
 
@@ -47,9 +48,9 @@ impl Driven {
     pub fn pose(&self, seconds: f64) -> Pose {
         let along = match self.period_s {
             None => seconds,
-            Some(period) => (seconds * (TAU / period)).sin() * (period / TAU),
+            Some(period) => sin(seconds * (TAU / period)) * (period / TAU),
         };
-        let rotation = DQuat::from_scaled_axis(self.angular * along);
+        let rotation = rotation(self.angular * along);
         let about = self.anchor + rotation * (self.home.position - self.anchor);
         Pose {
             position: about + self.linear * along,

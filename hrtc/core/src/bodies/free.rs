@@ -9,7 +9,7 @@
 use super::body::Step;
 use super::extent::Extent;
 use super::spring_damper::SpringDamper;
-use crate::contact::motion::rotation_vector;
+use geometry::portable::{rotation, rotation_vector};
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::FreePlan;
@@ -108,9 +108,9 @@ impl Free {
     fn turn(&mut self, step: &Step) {
         let period = step.period_s;
         let first = self.turning(self.axes);
-        let mid_axes = (DQuat::from_scaled_axis(first * (0.5 * period)) * self.axes).normalize();
+        let mid_axes = (rotation(first * (0.5 * period)) * self.axes).normalize();
         let mean = limited(self.turning(mid_axes), step.fastest_turn);
-        self.axes = (DQuat::from_scaled_axis(mean * period) * self.axes).normalize();
+        self.axes = (rotation(mean * period) * self.axes).normalize();
     }
 
     pub fn pose(&self) -> Pose {

@@ -3,6 +3,7 @@
 use super::body::Step;
 use super::extent::Extent;
 use super::spring_damper::{Coordinate, SpringDamper};
+use geometry::portable::about;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use scene::HingePlan;
@@ -40,7 +41,7 @@ impl Hinge {
     }
 
     fn rotation(&self) -> DQuat {
-        DQuat::from_axis_angle(self.axis, self.turn.at)
+        about(self.axis, self.turn.at)
     }
 
     /// One period under a load (world, newtons; newton metres about the anchor).

@@ -1,6 +1,7 @@
 //! Final poses and statistics of the bodies, for the end of a run.
 
 use super::Movables;
+use geometry::portable::turn_between;
 use serde::{Deserialize, Serialize};
 
 /// Final pose and statistics of one movable object.
@@ -31,7 +32,7 @@ impl Movables {
                 object: u64::from(object),
                 position_m: pose.position.to_array(),
                 orientation_wxyz: pose.wxyz(),
-                turned_rad: body.home().orientation.angle_between(pose.orientation),
+                turned_rad: turn_between(body.home().orientation, pose.orientation),
                 farthest_m: body.farthest(),
                 awake_ticks: body.awake_ticks(),
             }

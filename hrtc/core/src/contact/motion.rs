@@ -1,5 +1,6 @@
 //! Rigid placements and motions of a tool about its centre.
 
+use geometry::portable::{rotation, rotation_vector};
 use glam::{DMat3, DQuat, DVec3};
 
 /// A translation of the centre and a rotation about it: a screw in exponential coordinates.
@@ -62,22 +63,6 @@ pub struct Placement {
     pub orientation: DQuat,
 }
 
-/// Rotation vector of a unit quaternion, radians, by the shorter way: a length of at most pi. Of
-/// the smallest turns too, which `to_scaled_axis` takes for none.
-#[must_use]
-pub(crate) fn rotation_vector(turn: DQuat) -> DVec3 {
-    let turn = if turn.w < 0.0 { -turn } else { turn };
-    let sine = turn.xyz();
-    let length = sine.length();
-    // The angle divided by its sine; both vanish together.
-    let stretch = if length > 0.0 {
-        2.0 * length.atan2(turn.w) / length
-    } else {
-        2.0
-    };
-    sine * stretch
-}
-
 impl Placement {
     /// The origin of the model.
     pub(crate) const NOWHERE: Self = Self {
@@ -99,7 +84,7 @@ impl Placement {
     pub fn moved(&self, twist: &Twist) -> Self {
         Self {
             centre: self.centre + twist.linear,
-            orientation: (DQuat::from_scaled_axis(twist.angular) * self.orientation).normalize(),
+            orientation: (rotation(twist.angular) * self.orientation).normalize(),
         }
     }
 

@@ -16,6 +16,7 @@ use crate::lod::lod_controller::{LodController, MAX_RINGS, Ring};
 use crate::tuning::prediction::{
     HALFWAY, LOAD_AHEAD_S, RADII_AROUND, REFINE_AHEAD_S, RING_AHEAD_S, SPREAD,
 };
+use geometry::portable::exp;
 use glam::DVec3;
 use spm::RegionId;
 
@@ -285,7 +286,7 @@ impl Predictor {
                     Course::Linear => return Some(position + velocity * ticks),
                     Course::Quadratic => 0.5 * ticks * ticks,
                     Course::Fading => {
-                        let left = (-ticks / fading).exp();
+                        let left = exp(-ticks / fading);
                         fading * (ticks - fading * (1.0 - left))
                     }
                 };

@@ -5,7 +5,8 @@ use super::Draw;
 use crate::tuning::tour::{
     JUMP_STEPS, MAX_LINE_STEPS, MAX_TURNS, OVERHANG_COSINE, TURN_LENGTH_RADII, TURNED_OVER_COSINE,
 };
-use glam::{DQuat, DVec3};
+use geometry::portable::about;
+use glam::DVec3;
 use spm::{FileError, SpmFile};
 use std::f64::consts::{PI, TAU};
 
@@ -188,7 +189,7 @@ impl Slide {
             self.wanted_curvature = draw.between(-6.0, 6.0) / size;
         }
         self.curvature += (self.wanted_curvature - self.curvature) * 0.05;
-        let bend = DQuat::from_axis_angle(here.normal, self.curvature * ball.step);
+        let bend = about(here.normal, self.curvature * ball.step);
         self.heading = tangent(bend * self.heading, here.normal);
         // Where the file is damaged the surface ends, as at a rim.
         let next = ball
@@ -226,7 +227,7 @@ impl Slide {
         } else {
             self.heading
         };
-        let turn = DQuat::from_axis_angle(there.normal, PI + draw.between(-0.25, 0.25) * TAU);
+        let turn = about(there.normal, PI + draw.between(-0.25, 0.25) * TAU);
         self.heading = turn * tangent(forth, there.normal);
         self.turns += 1;
         self.since_turn = 0;

@@ -54,6 +54,18 @@ fn the_same_seed_gives_the_same_tour_and_another_one_another() {
     assert_ne!(tour(1), tour(2));
 }
 
+/// The bits that this build must give on any machine; of the plate, since no function of a library
+/// decides a bit of it.
+#[test]
+fn a_tour_is_the_same_bits_on_every_machine() {
+    let file = model(Shape::Plate, 6000, 8);
+    let points = make_tour(&file, ask(&file, 3, 20.0)).unwrap();
+    let last = points.last().unwrap().position;
+    let bits = last.map(|x| format!("{:016x}", x.to_bits()));
+    let expected = ["3fc5e3cdf8b7d6a9", "3fe95fbb3184e43b", "bf8b4e81b4e81b4f"];
+    assert_eq!(bits, expected, "{last:?}");
+}
+
 #[test]
 fn a_step_is_a_small_part_of_a_touch_and_steps_of_two_tours_may_alternate() {
     for (shape, seed) in [(Shape::Relief, 1), (Shape::Terrain, 2), (Shape::Torus, 3)] {

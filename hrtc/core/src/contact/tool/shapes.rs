@@ -1,6 +1,7 @@
 //! Tool meshes of simple shape: closed, along z, centred at the origin.
 
 use super::ToolMesh;
+use geometry::portable::{ln, sin_cos};
 use glam::DVec3;
 use scene::ProbeShape;
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -48,7 +49,7 @@ impl ToolMesh {
 
 /// A point of the circle of `radius` at height `z`, `k` of `around`.
 fn on_circle(radius: f64, z: f64, k: usize, around: usize) -> DVec3 {
-    let (sin, cos) = (TAU * k as f64 / around as f64).sin_cos();
+    let (sin, cos) = sin_cos(TAU * k as f64 / around as f64);
     DVec3::new(radius * cos, radius * sin, z)
 }
 
@@ -87,7 +88,7 @@ pub fn capsule_mesh(radius: f64, length: f64, around: usize, circles: usize) -> 
     let centre = 0.5 * length - radius;
     let angle = |k: usize| FRAC_PI_2 * k as f64 / a_cap as f64;
     let upper = (0..a_cap).map(|k| {
-        let (sin, cos) = angle(k).sin_cos();
+        let (sin, cos) = sin_cos(angle(k));
         (radius * cos, centre + radius * sin)
     });
     let lower = upper.clone().rev().map(|(r, z)| (r, -z));
@@ -106,7 +107,7 @@ pub fn cylinder_mesh(radius: f64, length: f64, faces: usize) -> ToolMesh {
         let bands = pairs / around - 1;
         let lost = pairs - around * (bands + 1);
         let (width, height) = (TAU * radius / around as f64, length / bands as f64);
-        let elongation = (width / height).ln().abs();
+        let elongation = ln(width / height).abs();
         // A loss of a tenth of the faces weighs as much as pieces twice as long as wide.
         (bands, elongation + 7.0 * lost as f64 / pairs as f64)
     };

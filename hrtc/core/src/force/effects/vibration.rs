@@ -2,6 +2,7 @@
 //! is exact.
 
 use super::Clock;
+use geometry::portable::sin;
 use glam::DVec3;
 use mutants::{Mutant, is};
 use scene::VibrationPlan;
@@ -25,6 +26,6 @@ impl Vibration {
         let is_odd = is(Mutant::WallClock);
         let tick = clock.tick + if is_odd { mutants::count() } else { 0 };
         let waves = (self.plan.frequency_hz * clock.period_s * tick as f64).fract();
-        self.plan.direction * (self.plan.amplitude_n * (std::f64::consts::TAU * waves).sin())
+        self.plan.direction * (self.plan.amplitude_n * sin(std::f64::consts::TAU * waves))
     }
 }
