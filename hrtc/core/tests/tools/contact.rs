@@ -4,14 +4,19 @@
 use crate::common::fronts::{Front, box_mesh, plate_mesh, scaled};
 use crate::common::guided_tool::TICK_BUDGET;
 use geometry::{Pose, Wrench};
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
-use hrtc_core::contact::query::Ending;
-use hrtc_core::contact::rigid_proxy::{Imperceptible, StepSettings, ToolAdvance, ToolProxy};
+use hrtc_core::contact::query::{Deadline, Ending, Limit};
+use hrtc_core::contact::rigid_proxy::{
+    Imperceptible, MAX_SURFACE_FACES, StepSettings, ToolAdvance, ToolProxy,
+};
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh, cylinder_mesh};
 use simulator::Random;
-use std::f64::consts::FRAC_PI_2;
+use spm::OperationFaces;
+use spm_builder::generate::{Shape, generate};
+use spm_builder::{BuildOptions, NoProgress, build_model};
+use std::f64::consts::{FRAC_PI_2, PI};
 
 const STIFFNESS: f64 = 800.0;
 const SPRING: Coupling = Coupling {
@@ -111,38 +116,138 @@ fn pressed_flat_the_force_is_the_depth_and_there_is_no_torque() {
     }
 }
 
-/// A foot over more faces than there is room for is held, and lets go where it is lifted.
+/// Faces of a front under a round foot.
+fn faces_under(front: &Front, centre: DVec2, radius: f64) -> usize {
+    let is_under = |corner: &DVec3| corner.truncate().distance(centre) < radius;
+    let mut under = 0;
+    front.mesh.for_each_active_face(|face| {
+        under += usize::from(front.mesh.corners(face).iter().all(is_under));
+    });
+    under
+}
+
+/// A foot over many faces, and over more than there is room for, is held, and lets go where it is
+/// lifted.
 #[test]
 fn pressed_flat_on_more_faces_than_there_is_room_for_it_is_held() {
-    let plate = Front::of_mesh(&plate_mesh(4.0, 300));
-    let mesh = cylinder_mesh(0.3, 1.0, 240);
+    const RADIUS: f64 = 0.3;
+    for (half, pieces, has_room) in [(4.0, 300, true), (0.75, 112, false)] {
+        let plate = Front::of_mesh(&plate_mesh(half, pieces));
+        let mesh = cylinder_mesh(RADIUS, 1.0, 240);
+        let mut proxy = proxy(&mesh);
+        let low = lowest(&mesh, DQuat::IDENTITY);
+        let mut stuck = 0;
+        for [x, y] in [[0.11, 0.07], [-0.3, 0.2]] {
+            let under = faces_under(&plate, DVec2::new(x, y), 0.95 * RADIUS);
+            assert!(has_room == (under < MAX_SURFACE_FACES), "{under} faces");
+            // Such a foot takes all the work of a tick, and more.
+            let mut to = |depth: f64| {
+                let pose = Pose {
+                    position: DVec3::new(x, y, -low - depth),
+                    orientation: DQuat::IDENTITY,
+                };
+                let answer = proxy.advance(plate.surface(), &pose, TICK_BUDGET);
+                stuck += u32::from(answer.is_stuck);
+                wrench(&proxy).force
+            };
+            for k in 0..2000 {
+                to(0.55 * f64::from(k) / 2000.0 - 0.5);
+            }
+            for _ in 0..50 {
+                let force = to(0.05);
+                assert!(force.z > 0.9 * STIFFNESS * 0.05, "{pieces}: {force}");
+                assert!(
+                    force.truncate().length() < 0.1 * force.z,
+                    "{pieces}: {force}"
+                );
+            }
+            for k in (0..200).rev() {
+                to(0.55 * f64::from(k) / 200.0 - 0.5);
+            }
+            for _ in 0..20 {
+                to(-0.5);
+            }
+            assert_eq!(to(-0.5), DVec3::ZERO, "{pieces}: it is lifted");
+        }
+        assert_eq!(stuck > 0, !has_room, "{pieces}: it is told");
+        let [_, (faces, room), _] = proxy.high_water();
+        assert_eq!(faces == room, !has_room, "{pieces}: {faces} faces are told");
+    }
+}
+
+/// A plate is refined under a foot, beyond what there is room for: the foot is held on, lets go
+/// where it is lifted, and beyond the rim nothing of the plate is left.
+#[test]
+fn refined_beyond_the_room_under_a_foot_it_holds_and_lets_go() {
+    const RADIUS: f64 = 0.6;
+    const DEPTH: f64 = 0.05;
+    const SPLITS: usize = 200;
+    let plate = generate(Shape::Plate, 16_000, 1);
+    let options = BuildOptions {
+        base_faces: Some(100),
+        regions: None,
+    };
+    let parts = build_model(plate, &options, &NoProgress).expect("the model is built");
+    let mut front = Front::new(&parts, 0, &mut Random::new(1));
+    let mesh = cylinder_mesh(RADIUS, 1.0, 240);
     let mut proxy = proxy(&mesh);
     let low = lowest(&mesh, DQuat::IDENTITY);
-    for [x, y] in [[0.11, 0.07], [-0.3, 0.2]] {
-        // Such a foot takes all the work of a tick, and more.
-        let mut to = |depth: f64| {
-            let pose = Pose {
-                position: DVec3::new(x, y, -low - depth),
-                orientation: DQuat::IDENTITY,
-            };
-            proxy.advance(plate.surface(), &pose, TICK_BUDGET);
-            wrench(&proxy).force
-        };
-        for k in 0..2000 {
-            to(0.55 * f64::from(k) / 2000.0 - 0.5);
+    let lead = |proxy: &mut ToolProxy, front: &Front, x: f64, depth: f64| {
+        let pose = Pose::at(DVec3::new(x, 0.02, -low - depth));
+        proxy.advance(front.surface(), &pose, TICK_BUDGET);
+        wrench(proxy).force
+    };
+    for k in 0..=300 {
+        lead(
+            &mut proxy,
+            &front,
+            0.01,
+            (0.002 * f64::from(k) - 0.55).min(DEPTH),
+        );
+    }
+    let coarse = lead(&mut proxy, &front, 0.01, DEPTH);
+    assert!(coarse.z > 0.9 * STIFFNESS * DEPTH, "{coarse}");
+    let slots: Vec<u32> = (0..parts.header.vsps).collect();
+    let mut out = OperationFaces::new();
+    for some in slots.chunks(SPLITS) {
+        let Front { mesh, tree, .. } = &mut front;
+        for &slot in some {
+            if mesh.split_is_legal(slot) {
+                mesh.split(slot, &mut out)
+                    .expect("the builder's records fit");
+                for (&face, leaf) in out.made_or_removed().iter().zip(out.leaves) {
+                    assert!(tree.insert(face, leaf));
+                }
+                out.deformed().iter().for_each(|&face| tree.deform(face));
+                proxy.carry(mesh, &out);
+            }
+        }
+        tree.refit(|face| mesh.face_box(face));
+        lead(&mut proxy, &front, 0.01, DEPTH);
+    }
+    let under = faces_under(&front, DVec2::new(0.01, 0.02), 0.95 * RADIUS);
+    assert!(under > MAX_SURFACE_FACES, "{under} faces");
+    for _ in 0..200 {
+        lead(&mut proxy, &front, 0.01, DEPTH);
+    }
+    let fine = lead(&mut proxy, &front, 0.01, DEPTH);
+    assert!(fine.z > 0.9 * STIFFNESS * DEPTH, "{fine}");
+    let way = [
+        [0.01, DEPTH, 0.01, -0.5],
+        [0.01, -0.5, 3.0, -0.5],
+        [3.0, -0.5, 3.0, 1.0],
+    ];
+    for [from, above, to, below] in way {
+        for k in 1..=200 {
+            let share = f64::from(k) / 200.0;
+            let [x, depth] = [from + share * (to - from), above + share * (below - above)];
+            lead(&mut proxy, &front, x, depth);
         }
         for _ in 0..50 {
-            let force = to(0.05);
-            assert!(force.z > 0.9 * STIFFNESS * 0.05, "{force}");
-            assert!(force.truncate().length() < 0.1 * force.z, "{force}");
+            lead(&mut proxy, &front, to, below);
         }
-        for k in (0..200).rev() {
-            to(0.55 * f64::from(k) / 200.0 - 0.5);
-        }
-        for _ in 0..20 {
-            to(-0.5);
-        }
-        assert_eq!(to(-0.5), DVec3::ZERO, "it is lifted");
+        let force = lead(&mut proxy, &front, to, below);
+        assert_eq!(force, DVec3::ZERO, "at {to}, {below}");
     }
 }
 
@@ -381,4 +486,51 @@ fn a_budget_is_kept_and_its_end_is_told() {
         }
     }
     assert!(unfinished > 300, "{unfinished}");
+}
+
+/// The time of each tick is over before it begins.
+struct Over;
+
+impl Deadline for Over {
+    fn is_over(&mut self) -> bool {
+        true
+    }
+}
+
+/// What starts across a plate and is led out looks around in each tick: where the time of all ticks
+/// is over before they begin, no more is done than in any case, and the tool gets clear all the
+/// same, and is held when it is led back.
+#[test]
+fn a_late_tick_does_not_look_around_for_longer_than_any_tick() {
+    const FLOOR: u32 = 600;
+    const INTERVAL: u32 = 160;
+    const MOST: u32 = 2 * (FLOOR + INTERVAL);
+    let plate = Front::of_mesh(&plate_mesh(0.5, 64));
+    let mesh = capsule_mesh(0.1, 0.5, 24, 20);
+    let [in_time, late] = [false, true].map(|is_late| {
+        let mut proxy = proxy(&mesh);
+        let mut most = 0;
+        for k in 0..1600 {
+            let height = 0.2 * (f64::from(k) * PI / 1600.0).sin();
+            let pose = Pose {
+                position: DVec3::new(0.01, 0.02, height),
+                orientation: DQuat::from_rotation_y(FRAC_PI_2),
+            };
+            let mut over = Over;
+            let limit = if is_late {
+                Limit::new(TICK_BUDGET, [FLOOR, INTERVAL], &mut over)
+            } else {
+                TICK_BUDGET.into()
+            };
+            let answer = proxy.advance(plate.surface(), &pose, limit);
+            // Until it is clear; then it takes steps.
+            if k < 200 {
+                most = most.max(answer.spent);
+            }
+        }
+        assert!(proxy.pose().position.z > 0.09 && proxy.is_blocked());
+        most
+    });
+    println!("{in_time} in time, {late} late");
+    assert!(in_time > MOST && late <= MOST, "{in_time}, {late}");
 }

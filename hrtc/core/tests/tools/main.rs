@@ -10,5 +10,6 @@ mod drag;
 mod in_scenes;
 mod issues_of_collision_libraries;
 mod issues_of_sweeps;
+mod sheets;
 mod stays_out;
 mod stuck;

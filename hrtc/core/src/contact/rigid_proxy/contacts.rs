@@ -12,7 +12,8 @@ use super::shape::{FLAT, ToolShape};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::Surface;
 use geometry::closest_point_on_triangle;
-use glam::{DMat3, DQuat, DVec3};
+use geometry::portable::rotation;
+use glam::{DMat3, DVec3};
 use spm::{Handle, NONE};
 
 /// Slope by which the neighbours of a corner may be nearer if the corner is over the inside of a
@@ -194,7 +195,7 @@ impl Contacts {
             return 1.0;
         }
         let part = (QUADRATIC_TURN / turn).min(1.0);
-        let rotation = DMat3::from_quat(DQuat::from_scaled_axis(motion.angular * part));
+        let rotation = DMat3::from_quat(rotation(motion.angular * part));
         let mut share = 1.0f64;
         for contact in &self.all {
             let (normal, arm) = (contact.normal, contact.arm);
@@ -517,11 +518,16 @@ impl PairLook<'_> {
     fn judge_tool_corner(&self, vertex: u32, towards: DVec3, slope: f64) -> Corner {
         let at = self.shape.points[vertex as usize];
         let around = self.shape.around(vertex).iter();
-        judge(
+        let judged = judge(
             around.map(|&v| self.shape.points[v as usize] - at),
             self.back * -towards,
             slope,
-        )
+        );
+        match judged {
+            // At the rim of a sheet the plane ends: its corners suffice.
+            Corner::Flat if self.shape.is_boundary_corner(vertex) => Corner::Nearest,
+            judged => judged,
+        }
     }
 
     /// Whether this face owns an edge of the tool and no neighbour there is nearer.

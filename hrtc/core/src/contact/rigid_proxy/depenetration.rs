@@ -15,7 +15,7 @@ use super::neighbourhood::PLACED;
 use super::{State, ToolAdvance, ToolProxy};
 use crate::contact::carried::carried;
 use crate::contact::motion::{Placement, Twist};
-use crate::contact::query::{Body, Ending, Surface, swept_sphere_budget};
+use crate::contact::query::{Body, Ending, Limit, Surface, swept_sphere_budget};
 use crate::contact::tool::{RelativePath, for_each_face_near};
 use crate::tuning::probe::PAIRS_A_UNIT;
 use geometry::{Similarity, triangle_pair};
@@ -29,14 +29,28 @@ const TESTED: u32 = 3;
 const ANCHOR_BEYOND: f64 = 0.1;
 const ANCHOR_RADIUS: f64 = 0.01;
 
-/// Escapes that were tried for a tool that meets the surface, as long as the surface stays.
+/// Escapes that were tried for a tool that meets the surface, and the one that is next.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub(super) struct EscapesTried {
-    count: usize,
+    /// Number of the next one, from the first on again after the last.
+    next: usize,
+    /// How many were held since the surface has changed: that of all is a full round.
+    held: usize,
+    /// The next one, if a tick has begun to look around there: its length may change with the
+    /// surface, but what is collected is around this place.
+    looking_at: Option<DVec3>,
     /// [`ToolProxy::moving_offset`] when they began: it decays, and they are as long as it was.
     moving_offset: f64,
     /// The side on which the tool belongs, as known when they began.
     side: DVec3,
+}
+
+impl EscapesTried {
+    /// The surface has changed: what was held may be free now. The next ones still come first,
+    /// since otherwise the later ones would have to wait until it rests.
+    pub(super) fn begin_round(&mut self) {
+        self.held = 0;
+    }
 }
 
 impl ToolProxy {
@@ -115,20 +129,17 @@ impl ToolProxy {
     pub(super) fn begin_where_placed(
         &mut self,
         surface: Surface<'_>,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> bool {
         let start = self.at;
         let was_known = self.near.tube.left() > 0.0;
-        let is_met = self.meets(surface, &start, budget, answer);
+        let is_met = self.meets(surface, &start, limit, answer);
         if is_met == Some(false) {
             self.come_out_at(&start);
             self.contacts.clear();
         }
-        // Candidates that a tick has collected are tested by the next one, with all of its budget.
-        let is_new = !was_known && self.near.tube.left() > 0.0;
-        let goes_on = self.near.has_partial_collection() || is_new;
-        if is_met.is_none() && goes_on {
+        if is_met.is_none() && self.goes_on(was_known) {
             return false;
         }
         self.is_placed_anew = false;
@@ -137,31 +148,51 @@ impl ToolProxy {
         true
     }
 
+    /// Whether the next tick may tell what this one could not: a collection is unfinished, or new,
+    /// so that its candidates are tested by the next tick, with all of its budget.
+    fn goes_on(&self, was_known: bool) -> bool {
+        let is_new = !was_known && self.near.tube.left() > 0.0;
+        self.near.has_partial_collection() || is_new
+    }
+
     /// Moves to the device if the tool is clear of the surface there, and if it is on its side.
+    /// Where that takes several ticks, to where the device was when they began: it may move.
     pub(super) fn jump_when_clear(
         &mut self,
         surface: Surface<'_>,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) {
-        let goal = self.goal;
+        let earlier = self.jump_to.take();
+        if let Some(there) = &earlier {
+            self.near.tube.move_to(there);
+        }
+        let is_known = self.near.tube.left() > 0.0 || self.near.has_partial_collection();
+        let earlier = earlier.filter(|_| is_known);
+        let there = earlier.unwrap_or(self.goal);
         let is_held = self.state == State::Stuck
-            && self.reaches(surface, &goal, budget, answer) != Some(true);
-        // A collection that the last tick began is gone on with while the device rests. Around a
-        // tool that is stuck elsewhere, changes would not be noted.
-        if self.state == State::Stuck || !self.near.has_partial_collection() {
+            && self.reaches(surface, &there, limit.max_work(), answer) != Some(true);
+        if is_held || earlier.is_none() {
             self.near.invalidate_all();
         }
-        let clear = !is_held && self.meets(surface, &goal, budget, answer) == Some(false);
-        if clear || self.state == State::Inside {
-            self.at = goal;
+        let was_known = self.near.tube.left() > 0.0;
+        let is_met = if is_held {
+            Some(true)
+        } else {
+            self.meets(surface, &there, limit, answer)
+        };
+        if is_met == Some(false) {
+            self.come_out_at(&there);
+            self.contacts.clear();
+            self.device_travel = there.to(&self.goal).farthest(self.shape.radius);
+        } else if self.state == State::Inside {
+            self.at = self.goal;
             self.device_travel = 0.0;
         }
-        if clear {
-            self.come_out_at(&goal);
-            self.contacts.clear();
-        }
-        if self.state != State::Inside || !self.near.has_partial_collection() {
+        if is_met.is_none() && self.goes_on(was_known) {
+            self.jump_to = Some(there);
+            self.near.move_to(&self.at);
+        } else {
             self.near.invalidate_all();
         }
         self.has_unused_collection = false;
@@ -174,25 +205,24 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         (mesh_change, first_changed): (&MeshChange, Option<usize>),
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
+        self.jump_to = None;
         let tried = match self.escapes_tried.take() {
             Some(tried) => tried,
             None => {
                 // Not only what changed where an earlier tick could not decide.
                 let first = |first| if mesh_change.is_undecided() { 0 } else { first };
                 let is_met = match first_changed.map(first) {
-                    Some(first) => self.meets_candidates(first, &here, budget, answer),
+                    Some(first) => self.meets_candidates(first, &here, limit.max_work(), answer),
                     // It met other faces, too.
-                    None if self.state == State::Stuck => {
-                        self.meets(surface, &here, budget, answer)
-                    }
-                    None => self.meets_what_changed(surface, mesh_change, budget, answer),
+                    None if self.state == State::Stuck => self.meets(surface, &here, limit, answer),
+                    None => self.meets_what_changed(surface, mesh_change, limit, answer),
                 };
                 let is_out = match is_met {
-                    Some(false) => self.reaches(surface, &here, budget, answer),
+                    Some(false) => self.reaches(surface, &here, limit.max_work(), answer),
                     Some(true) => Some(false),
                     None => None,
                 };
@@ -202,7 +232,9 @@ impl ToolProxy {
                         return true;
                     }
                     Some(false) => EscapesTried {
-                        count: 0,
+                        next: 0,
+                        held: 0,
+                        looking_at: None,
                         moving_offset: self.moving_offset,
                         side: self.side(),
                     },
@@ -210,7 +242,7 @@ impl ToolProxy {
                 }
             }
         };
-        self.escape(surface, (mesh_change, tried), budget, answer)
+        self.escape(surface, (mesh_change, tried), limit, answer)
     }
 
     /// The side on which the tool belongs: that of its contacts, else where the surface has carried
@@ -224,42 +256,50 @@ impl ToolProxy {
     }
 
     /// Moves the tool, which meets the surface or is beyond it, out on its side: as far as needed,
-    /// by the escapes that no tick has tried. Stuck where none remains; false if the budget does
-    /// not suffice for all.
+    /// by the escapes that no tick has tried since the surface has changed. Stuck where none
+    /// remains; false if budget or time do not suffice for all. Each tick tries one at least.
     fn escape(
         &mut self,
         surface: Surface<'_>,
-        (mesh_change, tried): (&MeshChange, EscapesTried),
-        budget: u32,
+        (mesh_change, mut tried): (&MeshChange, EscapesTried),
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> bool {
         let here = self.at;
         let offsets = [self.static_offset(), tried.moving_offset];
         let escapes = mesh_change.escapes(offsets, tried.side);
-        for (count, escape) in escapes.enumerate().skip(tried.count) {
+        let count = escapes.clone().count();
+        let begin = tried.next % count.max(1);
+        let around = escapes.clone().skip(begin).chain(escapes.take(begin));
+        for (k, escape) in around.take(count.saturating_sub(tried.held)).enumerate() {
+            let is_late = k > 0 && limit.is_out_of_time(answer.spent);
+            let escape = tried.looking_at.take().unwrap_or(escape);
             let out = Placement {
                 centre: here.centre + escape,
                 ..here
             };
-            let path = here.to(&out);
-            let is_held = match self.reaches(surface, &out, budget, answer) {
-                Some(true) if self.near.tube.covers(&here, &path, 0.0) => {
-                    self.meets_candidates(0, &out, budget, answer)
-                }
-                Some(true) => self.meets(surface, &out, budget, answer),
-                other => other.map(|reaches| !reaches),
+            // Where a tick has collected there, all that is near is known again.
+            self.near.tube.move_to(&out);
+            let is_held = if is_late {
+                answer.run_out()
+            } else {
+                self.is_held_at(surface, &out, limit, answer)
             };
             match is_held {
                 Some(false) => {
-                    self.near.spend(&out, &path, self.shape.radius);
+                    self.near.spend(&out, &here.to(&out), self.shape.radius);
                     self.come_out_at(&out);
                     return true;
                 }
-                Some(true) => {}
+                Some(true) => {
+                    tried.next = (begin + k + 1) % count;
+                    tried.held += 1;
+                }
                 None => {
-                    self.escapes_tried = Some(EscapesTried { count, ..tried });
+                    tried.looking_at = Some(escape);
+                    self.escapes_tried = Some(tried);
                     // The pairs may be those around an escape; the tool stays here.
-                    self.near.move_to(&here);
+                    self.near.tube.move_to(&here);
                     return false;
                 }
             }
@@ -268,10 +308,31 @@ impl ToolProxy {
         true
     }
 
+    /// Whether the tool may not go to a placement: its anchor does not get there, or the tool meets
+    /// the surface there. `None` if the budget does not suffice.
+    fn is_held_at(
+        &mut self,
+        surface: Surface<'_>,
+        out: &Placement,
+        limit: &mut Limit<'_>,
+        answer: &mut ToolAdvance,
+    ) -> Option<bool> {
+        let (here, budget) = (self.at, limit.max_work());
+        if !self.reaches(surface, out, budget, answer)? {
+            return Some(true);
+        }
+        if self.near.tube.covers(&here, &here.to(out), 0.0) {
+            self.meets_candidates(0, out, budget, answer)
+        } else {
+            self.meets(surface, out, limit, answer)
+        }
+    }
+
     fn come_out_at(&mut self, at: &Placement) {
         self.at = *at;
         self.state = State::Clear;
         self.carried_anchor = None;
+        (self.escapes_tried, self.jump_to) = (None, None);
     }
 
     /// Whether the tool at a placement that the candidates cover meets one of them, from `first`
@@ -314,7 +375,7 @@ impl ToolProxy {
         &mut self,
         surface: Surface<'_>,
         mesh_change: &MeshChange,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let (here, to_query) = (self.at, Similarity::new(self.pose_at(&self.at), self.scale));
@@ -322,11 +383,16 @@ impl ToolProxy {
             .changed()
             .filter(|_| !mesh_change.is_undecided());
         let (Some(changed), Some(to_query)) = (changed, to_query) else {
-            return self.meets(surface, &here, budget, answer);
+            return self.meets(surface, &here, limit, answer);
         };
+        let budget = limit.max_work();
         let path = RelativePath::new([here.centre; 2], [here.rotation(); 2]);
         let mut is_met = false;
         for &face in changed.iter().filter(|&&face| surface.has(face)) {
+            // Where time is over, the next ticks collect instead, in parts.
+            if limit.is_reached(answer.spent) {
+                return answer.run_out();
+            }
             let corners = surface.corners(face);
             let limits = [budget.saturating_sub(answer.spent), TESTED];
             let meets = |own| {
@@ -354,13 +420,14 @@ impl ToolProxy {
     }
 
     /// Whether the tool meets the surface at a placement, whose candidates it collects; `None` if
-    /// the budget does not suffice. The next tick continues if it asks for the same placement and
-    /// the pairs are not invalidated.
+    /// budget or time do not suffice. The next tick continues if it asks for the same placement and
+    /// the pairs are not invalidated. More faces within the contact offset than there is room for
+    /// count as met: no tick could tell.
     fn meets(
         &mut self,
         surface: Surface<'_>,
         at: &Placement,
-        budget: u32,
+        limit: &mut Limit<'_>,
         answer: &mut ToolAdvance,
     ) -> Option<bool> {
         let still = Twist::default();
@@ -368,10 +435,9 @@ impl ToolProxy {
         if !self.near.tube.covers(at, &still, 0.0) {
             let tube = LookAheadTube::along(*at, still, 0.0, margin, &self.shape);
             // What the candidates cost, too, once they are known.
-            let most = budget.saturating_sub(answer.spent) / 2;
-            let (ending, work) = self
-                .near
-                .collect(surface, &self.shape, tube, &mut most.into());
+            let most = limit.max_work().saturating_sub(answer.spent) / 2;
+            let part = &mut limit.part(answer.spent, most);
+            let (ending, work) = self.near.collect(surface, &self.shape, tube, part);
             answer.work.add(work);
             answer.spent += work.cost();
             if self.near.tube.left() <= 0.0 {
@@ -379,9 +445,15 @@ impl ToolProxy {
                     Ending::Complete => Ending::Stopped { unvisited: 0 },
                     other => other,
                 };
-                return None;
+                let is_full = !self.near.has_partial_collection();
+                return is_full.then_some(true);
+            }
+            // Without time for the tests, too, the next tick begins with them.
+            let tests = self.near.vertex_count() / PLACED + PASSED * self.near.pairs.len() as u32;
+            if limit.is_out_of_time(answer.spent + tests) {
+                return answer.run_out();
             }
         }
-        self.meets_candidates(0, at, budget, answer)
+        self.meets_candidates(0, at, limit.max_work(), answer)
     }
 }

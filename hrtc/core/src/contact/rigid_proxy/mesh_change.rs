@@ -37,6 +37,8 @@ pub struct MeshChange {
     push: f64,
     /// Largest displacement of the surface near the tool, model units.
     displacement: f64,
+    /// Largest push, and sum of the displacements, of the ticks before, which could not decide.
+    of_before: [f64; 2],
     /// Changed faces near the tool, some of them inactive by now. If `count` is larger than the
     /// array, some are missing.
     #[serde(with = "serde_big_array::BigArray")]
@@ -50,34 +52,27 @@ fn changed_by(operation: &OperationFaces) -> impl Iterator<Item = &Handle> {
     deformed.chain(operation.made_or_removed())
 }
 
-/// Whether faces may be near the tool, or where candidates are collected, after an operation.
-fn is_near_now(
-    near: &Neighbourhood,
-    shape: &ToolShape,
-    centre: DVec3,
-    mesh: &ActiveMesh,
-    operation: &OperationFaces,
-) -> bool {
+/// The box of the changed faces after an operation.
+fn box_of(mesh: &ActiveMesh, operation: &OperationFaces) -> [DVec3; 2] {
     let (mut lower, mut upper) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for &face in changed_by(operation).filter(|&&face| mesh.is_active(face)) {
         for corner in mesh.corners(face) {
             (lower, upper) = (lower.min(corner), upper.max(corner));
         }
     }
-    near.may_reach_box(shape, centre, [lower, upper])
+    [lower, upper]
 }
 
-/// Whether an operation changes what is collected, or may.
-pub(super) fn operation_is_near(
-    near: &Neighbourhood,
-    shape: &ToolShape,
-    centre: DVec3,
+/// Whether changed faces may be within a ball after an operation.
+pub(super) fn operation_meets_ball(
     mesh: &ActiveMesh,
     operation: &OperationFaces,
+    centre: DVec3,
+    radius: f64,
 ) -> bool {
-    let mut changed = changed_by(operation);
-    changed.any(|&face| near.place_of(face).is_some())
-        || is_near_now(near, shape, centre, mesh, operation)
+    let [lower, upper] = box_of(mesh, operation);
+    let outside = (lower - centre).max(centre - upper).max(DVec3::ZERO);
+    outside.length_squared() <= radius * radius
 }
 
 impl MeshChange {
@@ -91,6 +86,7 @@ impl MeshChange {
             side: DVec3::ZERO,
             push: 0.0,
             displacement: 0.0,
+            of_before: [0.0; 2],
             faces: [NONE; MAX_LISTED],
             count: 0,
         }
@@ -106,9 +102,21 @@ impl MeshChange {
         Self {
             is_new: false,
             is_undecided: true,
+            push: 0.0,
+            displacement: 0.0,
+            of_before: self.moved(),
             count: 0,
             ..self
         }
+    }
+
+    /// How far a face has come towards the tool in a tick at the most, and how far the surface near
+    /// it may have moved, since a tick could decide; model units. Mostly another face comes in each
+    /// tick, or the same to and fro: with the sum of what came a tool in a slot would not look at
+    /// the room that there is.
+    fn moved(&self) -> [f64; 2] {
+        let [push, displacement] = self.of_before;
+        [push.max(self.push), displacement + self.displacement]
     }
 
     /// Whether an earlier tick could not decide: not only the changed faces matter.
@@ -160,7 +168,7 @@ impl MeshChange {
         operation: &OperationFaces,
     ) {
         let changed = || changed_by(operation);
-        let is_near = is_near_now(near, shape, centre, mesh, operation);
+        let is_near = near.may_reach_box(shape, centre, box_of(mesh, operation));
         let mut was_near = false;
         for &face in changed() {
             let Some(place) = near.place_of(face) else {
@@ -210,13 +218,13 @@ impl MeshChange {
         &self,
         [offset, most]: [f64; 2],
         held_by: DVec3,
-    ) -> impl Iterator<Item = DVec3> + use<> {
+    ) -> impl Iterator<Item = DVec3> + Clone + use<> {
+        let [push, displacement] = self.moved();
         let side = self.side.try_normalize();
         let side = side.unwrap_or_else(|| held_by.normalize_or_zero());
-        let push = self.push.max(offset) + offset;
+        let push = push.max(offset) + offset;
         let shorter = (0..SHORT_ESCAPES).map(move |k| most * 0.25 * f64::from(1 << k));
         let shorter = shorter.filter(move |&escape| offset < escape && escape < push);
-        let displacement = self.displacement;
         let longer = |first: f64| {
             let factors = iter::successors(Some(1.0), |factor| Some(LONGER * factor));
             factors.map(move |factor| first * factor)
@@ -231,33 +239,40 @@ impl MeshChange {
 
 #[cfg(test)]
 mod tests {
-    use super::super::ToolProxy;
+    use super::super::look_ahead_tube::LookAheadTube;
+    use super::super::{Imperceptible, State, ToolProxy};
     use super::*;
-    use crate::contact::query::Surface;
-    use crate::contact::tool::{Tool, capsule_mesh};
+    use crate::contact::motion::Twist;
+    use crate::contact::query::{Limit, Surface};
+    use crate::contact::tool::{Tool, ToolMesh, capsule_mesh};
     use ab_tree::{AbTree, leaf_key};
     use geometry::Pose;
     use glam::DQuat;
-    use spm::Certified;
+    use spm::{Certified, CertifiedCode, VspRecord};
 
-    /// A plate of squares of side 1 / `SIDE`, each of two faces.
+    /// A plate of squares of side 1 / `SIDE`, each of two faces that know no neighbour.
     const SIDE: u32 = 24;
 
     fn plate() -> (ActiveMesh, AbTree) {
-        let (row, faces) = (SIDE + 1, 2 * SIDE * SIDE);
+        plate_of(SIDE, |_, _| [NONE; 3])
+    }
+
+    /// A plate of squares of side 1 / `side`, each of two faces with these neighbours.
+    fn plate_of(side: u32, neighbours: impl Fn(u32, u32) -> [u32; 3]) -> (ActiveMesh, AbTree) {
+        let (row, faces) = (side + 1, 2 * side * side);
         let mut mesh = ActiveMesh::new(row * row, faces, 0);
         for v in 0..row * row {
-            let at = [v % row, v / row].map(|k| k as f32 / SIDE as f32);
+            let at = [v % row, v / row].map(|k| k as f32 / side as f32);
             mesh.set_base_vertex(v, [at[0], at[1], 0.0], Certified::EXACT);
         }
         let mut tree = AbTree::new(faces);
         tree.preconstruct(faces);
-        for square in 0..SIDE * SIDE {
-            let a = square / SIDE * row + square % SIDE;
+        for square in 0..side * side {
+            let a = square / side * row + square % side;
             let [b, c, d] = [a + 1, a + row, a + row + 1];
             for (k, corners) in (0..).zip([[a, b, c], [d, c, b]]) {
                 let face = 2 * square + k;
-                let set = mesh.set_base_face(face, corners, [NONE; 3]);
+                let set = mesh.set_base_face(face, corners, neighbours(square, k));
                 set.expect("all are there");
                 tree.insert(face, leaf_key(face, faces));
             }
@@ -266,15 +281,18 @@ mod tests {
         (mesh, tree)
     }
 
-    /// Ticks until a tool whose surface has changed knows whether it meets it, with a budget for a
-    /// part of what is near: while nothing changes any more, or a face in each tick.
-    fn ticks_to_decide(goes_on: bool) -> u32 {
-        const BUDGET: u32 = 500;
-        let (mesh, tree) = plate();
-        let surface = Surface {
-            mesh: &mesh,
-            tree: &tree,
-        };
+    /// Moves the plate to a height.
+    fn move_plate_to(mesh: &mut ActiveMesh, tree: &mut AbTree, height: f32) {
+        for v in 0..(SIDE + 1) * (SIDE + 1) {
+            let at = mesh.position(v);
+            mesh.set_base_vertex(v, [at.x, at.y, height], Certified::EXACT);
+        }
+        (0..2 * SIDE * SIDE).for_each(|face| tree.deform(face));
+        tree.refit(|face| mesh.face_box(face));
+    }
+
+    /// A capsule that lies at rest on the middle of the plate, and its pose.
+    fn lying(surface: Surface<'_>) -> (ToolProxy, Pose) {
         let tool = Tool::new(&capsule_mesh(0.1, 0.6, 40, 30)).expect("it is a tool");
         let orientation = DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2);
         let heights = tool.local_vertices().iter().map(|&v| (orientation * v).z);
@@ -287,6 +305,26 @@ mod tests {
         };
         proxy.place(&pose);
         let _ = proxy.advance(surface, &pose, u32::MAX);
+        (proxy, pose)
+    }
+
+    /// A face beside the tool is new.
+    fn change_a_face_beside(proxy: &mut ToolProxy) {
+        proxy.mesh_change.is_new = true;
+        proxy.mesh_change.faces[0] = SIDE * SIDE;
+        proxy.mesh_change.count += 1;
+    }
+
+    /// Ticks until a tool whose surface has changed knows whether it meets it, with a budget for a
+    /// part of what is near: while nothing changes any more, or a face in each tick.
+    fn ticks_to_decide(goes_on: bool) -> u32 {
+        const BUDGET: u32 = 500;
+        let (mesh, tree) = plate();
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let (mut proxy, pose) = lying(surface);
         proxy.near.invalidate_all();
         let found = MeshChange {
             is_there: true,
@@ -296,9 +334,7 @@ mod tests {
         proxy.mesh_change = found.kept();
         for tick in 1..200 {
             if goes_on {
-                proxy.mesh_change.is_new = true;
-                proxy.mesh_change.faces[0] = SIDE * SIDE;
-                proxy.mesh_change.count += 1;
+                change_a_face_beside(&mut proxy);
             }
             let _ = proxy.advance(surface, &pose, BUDGET);
             if !proxy.mesh_change.is_there() {
@@ -313,5 +349,239 @@ mod tests {
         let [alone, beside] = [false, true].map(ticks_to_decide);
         println!("{alone} ticks, {beside} while faces change");
         assert!(alone > 3 && beside < 2 * alone, "{alone}, {beside}");
+    }
+
+    /// Ticks until a tool into which the plate has come gets out by one of the later escapes, with
+    /// a budget for few of them: while nothing changes any more, or a face in each tick.
+    fn ticks_to_escape(goes_on: bool) -> u32 {
+        const BUDGET: u32 = 1500;
+        const RISEN: f64 = 20.0;
+        let (mut mesh, mut tree) = plate();
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let (mut proxy, pose) = lying(surface);
+        assert!(!proxy.contacts.all().is_empty(), "they tell the side");
+        let risen = RISEN * proxy.static_offset();
+        move_plate_to(&mut mesh, &mut tree, risen as f32);
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        proxy.near.invalidate_all();
+        let found = MeshChange {
+            is_there: true,
+            may_have_met: true,
+            displacement: risen,
+            ..MeshChange::new()
+        };
+        proxy.mesh_change = found.kept();
+        for tick in 1..LONGEST {
+            if goes_on {
+                change_a_face_beside(&mut proxy);
+            }
+            let _ = proxy.advance(surface, &pose, BUDGET);
+            if !proxy.mesh_change.is_there() {
+                let height = proxy.pose().position.z - pose.position.z;
+                assert!(
+                    proxy.state == State::Clear && height > 0.9 * risen,
+                    "{height}"
+                );
+                return tick;
+            }
+        }
+        LONGEST
+    }
+
+    const LONGEST: u32 = 1000;
+
+    #[test]
+    fn the_later_escapes_are_tried_while_the_surface_changes() {
+        let [alone, beside] = [false, true].map(ticks_to_escape);
+        println!("{alone} ticks, {beside} while faces change");
+        assert!(alone > 2 && beside < LONGEST, "{alone}, {beside}");
+    }
+
+    /// A surface that goes on in each tick in which nobody can decide has moved by the sum at the
+    /// most. The first escape is none from the sum: it is as long as what a tick has pushed.
+    #[test]
+    fn escapes_reach_as_far_as_the_surface_has_moved_in_all_ticks() {
+        let mut change = MeshChange::new();
+        for _ in 0..40 {
+            (change.push, change.displacement) = (3.0, 3.0);
+            change = change.kept();
+        }
+        let escapes = change.escapes([1.0, 0.0], DVec3::Z);
+        let first = escapes.clone().next().map(DVec3::length);
+        assert!(first.is_some_and(|first| first <= 5.0), "{first:?}");
+        let longest = escapes.fold(0.0, |longest: f64, escape| longest.max(escape.length()));
+        assert!(longest > 120.0, "{longest}");
+        assert_eq!(change.take().moved(), [3.0, 120.0]);
+        assert_eq!(change.moved(), [0.0; 2], "a tick has decided");
+    }
+
+    /// The neighbours of a face of a plate of so many squares a side.
+    fn neighbours_of(side: u32, square: u32, k: u32) -> [u32; 3] {
+        let [x, y] = [square % side, square / side];
+        let across = |is_there: bool, square: u32| {
+            let face = square.wrapping_mul(2).wrapping_add(1 - k);
+            if is_there { face } else { NONE }
+        };
+        if k == 0 {
+            let [left, below] = [square.wrapping_sub(1), square.wrapping_sub(side)];
+            [
+                across(true, square),
+                across(x > 0, left),
+                across(y > 0, below),
+            ]
+        } else {
+            let [right, above] = [square + 1, square + side];
+            [
+                across(true, square),
+                across(x + 1 < side, right),
+                across(y + 1 < side, above),
+            ]
+        }
+    }
+
+    /// More faces than there is room for are near a capsule that is pressed onto a fine plate, but
+    /// only for as long as the plate moves: it follows its device again where that rests.
+    #[test]
+    fn a_tool_is_not_stuck_after_a_motion_beside_which_there_was_no_room() {
+        const FINE: u32 = 200;
+        const DEPTH: f64 = 0.05;
+        let (mesh, tree) = plate_of(FINE, |square, k| neighbours_of(FINE, square, k));
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let (mut proxy, pose) = lying(surface);
+        proxy.set_imperceptible(Imperceptible {
+            step: 0.02,
+            quantization: 0.0,
+            period_s: 1e-3,
+        });
+        let to = |proxy: &mut ToolProxy, x: f64, depth: f64| {
+            let goal = Pose {
+                position: pose.position + DVec3::new(x, 0.0, -depth),
+                ..pose
+            };
+            proxy.advance(surface, &goal, u32::MAX)
+        };
+        for k in 1..=40 {
+            to(&mut proxy, 0.0, DEPTH * f64::from(k.min(20)) / 20.0);
+        }
+        assert!(proxy.is_blocked(), "it is pressed");
+        let mut last = to(&mut proxy, 0.0, DEPTH);
+        for _ in 0..10 {
+            proxy.mesh_change = MeshChange {
+                is_there: true,
+                is_new: true,
+                push: 1.0,
+                ..MeshChange::new()
+            };
+            last = to(&mut proxy, 0.0, DEPTH);
+        }
+        let has_room = last.ending.is_complete() || !proxy.look_ahead.is_shortest();
+        assert!(!has_room && proxy.contact_offset() > 0.01, "{last:?}");
+        for _ in 0..40 {
+            last = to(&mut proxy, 0.0, DEPTH);
+        }
+        assert!(!last.is_stuck && last.ending.is_complete(), "{last:?}");
+        for k in 1..=150 {
+            to(&mut proxy, 1e-3 * f64::from(k.min(100)), DEPTH);
+        }
+        let moved = proxy.pose().position.x - pose.position.x;
+        assert!((moved - 0.1).abs() < 1e-3, "{moved}");
+    }
+
+    /// A split of a small fan at the plate's height: it changes eight faces, the first ones of any
+    /// mesh, and passes over nothing beside that height.
+    fn split_of_first_faces() -> OperationFaces {
+        let mut mesh = ActiveMesh::new(7, 6, 1);
+        for k in 0..7 {
+            let turn = DQuat::from_rotation_z(std::f64::consts::FRAC_PI_3 * f64::from(k));
+            let out = if k == 0 { 0.0 } else { 0.1 };
+            let at = (turn * DVec3::new(out, 0.0, 0.0)).as_vec3().to_array();
+            mesh.set_base_vertex(k, at, Certified::EXACT);
+        }
+        for k in 0..6 {
+            let corners = [0, 1 + k, 1 + (k + 1) % 6];
+            let set = mesh.set_base_face(k, corners, [NONE, (k + 1) % 6, (k + 5) % 6]);
+            set.expect("a fan");
+        }
+        let record = VspRecord {
+            i: 0,
+            vs: 0,
+            fn_: [0, 5, 2, 3],
+            leaf_l: leaf_key(6, 8),
+            leaf_r: leaf_key(7, 8),
+            pos_t: [0.0, 0.01, 0.0],
+            pos_u: [0.0, -0.01, 0.0],
+            certified: [CertifiedCode::default(); 2],
+            e: 0,
+        };
+        mesh.load(0, &record, record.vs, record.fn_, [Certified::EXACT; 2]);
+        let mut out = OperationFaces::new();
+        mesh.split(0, &mut out).expect("the fan is there");
+        out
+    }
+
+    /// Flat over much of the plate and clear of it, with a budget for a part of what is near: ticks
+    /// until a tool that was placed there begins there, while nothing changes or some near faces do
+    /// in each tick.
+    fn ticks_to_begin(goes_on: bool) -> u32 {
+        const ROW: u32 = 16;
+        let (mesh, tree) = plate();
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let place = |v: u32| [v % (ROW + 1), v / (ROW + 1)].map(|k| 0.5 * f64::from(k) / 16.0);
+        let points = (0..(ROW + 1) * (ROW + 1)).map(place);
+        let squares = (0..ROW * ROW).map(|square| square / ROW * (ROW + 1) + square % ROW);
+        let faces = squares.flat_map(|a| {
+            let [b, c, d] = [a + 1, a + ROW + 1, a + ROW + 2];
+            [[a, b, d], [a, d, c]]
+        });
+        let tool = Tool::new(&ToolMesh {
+            positions: points.map(|[x, y]| DVec3::new(x, y, 0.0)).collect(),
+            triangles: faces.collect(),
+        });
+        let tool = tool.expect("it is a tool");
+        let mut proxy = ToolProxy::new(tool, 1.0).expect("it has an extent");
+        let above = 0.5 * proxy.static_offset();
+        let pose = Pose::at(DVec3::new(0.013, 0.017, above));
+        proxy.place(&pose);
+        // Half of the budget is for the collection, which then takes two ticks or more.
+        let margin = proxy.static_offset();
+        let tube = LookAheadTube::along(proxy.at, Twist::default(), 0.0, margin, &proxy.shape);
+        let mut no_limit = Limit::from(u32::MAX);
+        let near = &mut proxy.near;
+        let (_, work) = near.collect(surface, &proxy.shape, tube, &mut no_limit);
+        let budget = work.cost();
+        assert!(proxy.near.tube.left() > 0.0, "there is room");
+        proxy.near.invalidate_all();
+        let operation = split_of_first_faces();
+        for tick in 1..100 {
+            if goes_on {
+                proxy.carry(&mesh, &operation);
+                assert!(proxy.is_placed_anew, "it is on its side");
+            }
+            let _ = proxy.advance(surface, &pose, budget);
+            if !proxy.is_placed_anew || proxy.state != State::Inside {
+                assert_eq!(proxy.state, State::Clear, "it begins at the device");
+                return tick;
+            }
+        }
+        100
+    }
+
+    #[test]
+    fn what_was_placed_begins_while_the_surface_changes() {
+        let [alone, beside] = [false, true].map(ticks_to_begin);
+        println!("{alone} ticks, {beside} while faces change");
+        assert!(alone > 1 && beside < 20, "{alone}, {beside}");
     }
 }

@@ -60,10 +60,11 @@ use bounding_balls::{Ball, bounding_balls};
 use contacts::Contacts;
 use coupling_target::Estimate;
 use depenetration::EscapesTried;
+use geometry::portable::hypot;
 use geometry::{BoxPair, Pose, Wrench};
 use glam::DVec3;
 use look_ahead::LookAhead;
-use mesh_change::{MeshChange, operation_is_near};
+use mesh_change::{MeshChange, operation_meets_ball};
 use neighbourhood::Neighbourhood;
 use projection::{HalfSpace, MAX_HALF_SPACES};
 use shape::ToolShape;
@@ -98,7 +99,8 @@ enum State {
     Inside,
     /// No face of the tool meets the surface.
     Clear,
-    /// The surface moved into the tool or over it, and no way out was found: it stays.
+    /// The surface moved into the tool or over it, and no way out was found, or more faces are near
+    /// than there is room for: it stays.
     Stuck,
 }
 
@@ -131,6 +133,8 @@ pub struct ToolProxy {
     carried_anchor: Option<DVec3>,
     /// Of a depenetration that takes several ticks.
     escapes_tried: Option<EscapesTried>,
+    /// Of a jump that takes several ticks to decide: where to.
+    jump_to: Option<Placement>,
     /// The normal of the face that the tool was found to meet last, on the side of its anchor.
     met_on: DVec3,
     at: Placement,
@@ -187,6 +191,7 @@ impl ToolProxy {
             state: State::Nowhere,
             carried_anchor: None,
             escapes_tried: None,
+            jump_to: None,
             met_on: DVec3::ZERO,
             at: nowhere,
             goal: nowhere,
@@ -232,6 +237,8 @@ impl ToolProxy {
         self.state = State::Nowhere;
         self.is_placed_anew = false;
         self.carried_anchor = None;
+        // It is in the units of the model before.
+        self.imperceptible = Imperceptible::NOTHING;
         self.contacts.clear();
         self.look_ahead = LookAhead::new(self.shape.gyration);
         self.pace = 0.0;
@@ -315,11 +322,14 @@ impl ToolProxy {
         self.rejected
     }
 
-    /// Largest number of face pairs and of contacts in a step, each with its capacity.
+    /// Largest number of face pairs, of faces of the surface and of contacts in a step, each with
+    /// its capacity.
     #[must_use]
-    pub fn high_water(&self) -> [(usize, usize); 2] {
+    pub fn high_water(&self) -> [(usize, usize); 3] {
+        let [pairs, faces] = self.near.high_water();
         [
-            (self.near.high_water(), MAX_PAIRS),
+            (pairs, MAX_PAIRS),
+            (faces, MAX_SURFACE_FACES),
             (self.contacts.high_water(), MAX_HALF_SPACES),
         ]
     }
@@ -377,6 +387,7 @@ impl ToolProxy {
         self.state = State::Inside;
         self.is_placed_anew = true;
         self.carried_anchor = None;
+        self.jump_to = None;
         self.mesh_change = MeshChange::new();
         self.invalidate();
         true
@@ -385,19 +396,27 @@ impl ToolProxy {
     /// Notes a split or collapse that was just performed. Candidate pairs near it are updated; if
     /// the surface moved into the tool, the next tick depenetrates it on the side where it was.
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
-        if !matches!(self.state, State::Clear | State::Stuck) {
-            // What a collection has gone through may have changed, and the side of the tool.
-            if operation_is_near(&self.near, &self.shape, self.at.centre, mesh, operation) {
-                self.near.invalidate();
-            }
+        let (centre, radius) = (self.at.centre, self.shape.radius);
+        if self.state == State::Nowhere {
+            return;
+        }
+        if self.state == State::Inside {
+            // It has a side only where it was placed.
             if self.is_placed_anew && self.carry_anchor(mesh, operation) {
                 (self.is_placed_anew, self.carried_anchor) = (false, None);
             }
+            self.mesh_change
+                .note(&mut self.near, &self.shape, centre, mesh, operation);
             return;
+        }
+        // The pairs around where it may jump to do not tell what is near a tool that is stuck here.
+        let is_elsewhere = self.jump_to.is_some();
+        if is_elsewhere && operation_meets_ball(mesh, operation, centre, radius) {
+            self.near.invalidate_all();
         }
         let is_carried = self.carry_anchor(mesh, operation);
         self.mesh_change
-            .note(&mut self.near, &self.shape, self.at.centre, mesh, operation);
+            .note(&mut self.near, &self.shape, centre, mesh, operation);
         if is_carried {
             self.mesh_change
                 .passed_over_anchor(mesh.displacement(operation));
@@ -435,16 +454,17 @@ impl ToolProxy {
         self.moving_offset = moving.max(OFFSET_LEFT * self.moving_offset);
         if mesh_change.is_there() {
             let first_changed = if mesh_change.is_new() {
-                self.escapes_tried = None;
                 let first_changed = self.update(surface, &mesh_change, budget, &mut answer);
                 limit.begin_after(answer.spent);
                 first_changed
             } else {
                 None
             };
-            if (mesh_change.may_have_met() || self.carried_anchor.is_some())
-                && !self.depenetrate(surface, (&mesh_change, first_changed), budget, &mut answer)
-            {
+            // Before it is clear, it has no side.
+            let may_have_met = self.state != State::Inside
+                && (mesh_change.may_have_met() || self.carried_anchor.is_some());
+            let known = (&mesh_change, first_changed);
+            if may_have_met && !self.depenetrate(surface, known, &mut limit, &mut answer) {
                 // The proxy stays until a tick can decide.
                 self.mesh_change = mesh_change.kept();
                 self.stops.clear();
@@ -459,7 +479,7 @@ impl ToolProxy {
         }
         answer.is_stuck = self.state == State::Stuck;
         let is_placed_anew = self.state == State::Inside && self.is_placed_anew;
-        if is_placed_anew && !self.begin_where_placed(surface, budget, &mut answer) {
+        if is_placed_anew && !self.begin_where_placed(surface, &mut limit, &mut answer) {
             // No force until then.
             self.coupling_target = self.goal;
             return answer;
@@ -471,8 +491,9 @@ impl ToolProxy {
                 self.limit_change(&motion);
             }
             _ => {
-                self.jump_when_clear(surface, budget, &mut answer);
-                self.coupling_target = self.at;
+                let had_force = self.state == State::Stuck;
+                self.jump_when_clear(surface, &mut limit, &mut answer);
+                self.coupling_target = if had_force { self.at } else { self.goal };
                 self.limit_change(&motion);
             }
         }
@@ -518,7 +539,13 @@ impl ToolProxy {
     /// Length of a motion in the metric of the tool's mass, model units.
     fn length_of(&self, motion: &Twist) -> f64 {
         let turned = motion.angular * self.shape.gyration;
-        motion.linear.length().hypot(turned.length())
+        hypot(motion.linear.length(), turned.length())
+    }
+
+    /// From the tool's centre to the device's position, with the tool at the device; model units.
+    #[must_use]
+    pub fn device_arm(&self) -> DVec3 {
+        -(self.goal.orientation * self.shape.centre)
     }
 
     /// Force and torque of the coupling on the device, in the model's axes, the torque about the
@@ -534,8 +561,7 @@ impl ToolProxy {
             linear: deflection.linear * metres_per_unit,
             ..deflection
         };
-        // From the tool's centre to the device's position.
-        let arm = -(self.goal.orientation * self.shape.centre) * metres_per_unit;
+        let arm = self.device_arm() * metres_per_unit;
         let velocity = Twist {
             linear: velocity.linear - velocity.angular.cross(arm),
             ..*velocity

@@ -216,7 +216,8 @@ pub struct Neighbourhood {
     clear_until: Vec<f64>,
     /// Counts changes of the list of pairs.
     generation: u64,
-    high_water: usize,
+    /// Largest numbers of pairs and of faces of the surface.
+    high_water: [usize; 2],
 }
 
 impl Neighbourhood {
@@ -241,7 +242,7 @@ impl Neighbourhood {
             moved: 0.0,
             clear_until: Vec::with_capacity(MAX_PAIRS),
             generation: 0,
-            high_water: 0,
+            high_water: [0; 2],
         }
     }
 
@@ -257,9 +258,14 @@ impl Neighbourhood {
         self.clear();
     }
 
-    /// Largest number of pairs so far.
-    pub fn high_water(&self) -> usize {
+    /// Largest numbers of pairs and of faces of the surface so far.
+    pub fn high_water(&self) -> [usize; 2] {
         self.high_water
+    }
+
+    fn note_high_water(&mut self) {
+        let [pairs, faces] = self.high_water;
+        self.high_water = [pairs.max(self.pairs.len()), faces.max(self.faces.len())];
     }
 
     /// Number of vertices of the tool that pairs use.

@@ -51,6 +51,8 @@ pub struct ToolShape {
     /// Neighbours of vertex v: `around[first[v]..first[v + 1]]`.
     first: Vec<u32>,
     around: Vec<u32>,
+    /// Whether the rim of an open mesh turns at a vertex.
+    is_boundary_corner: Vec<bool>,
     /// Boxes of the faces about the centre.
     pub(super) blocks: Blocks,
     /// The centre in the tool's own frame, units of the model.
@@ -86,6 +88,7 @@ impl ToolShape {
             neighbours[a as usize].push(b);
             neighbours[b as usize].push(a);
         }
+        let is_boundary_corner = boundary_corners(&points, &sides);
         let faces = (0u32..)
             .zip(&triangles)
             .map(|(face, &vertices)| {
@@ -128,6 +131,7 @@ impl ToolShape {
             faces,
             first,
             around,
+            is_boundary_corner,
             centre,
             anchor: anchor.unwrap_or(0),
             radius,
@@ -149,6 +153,11 @@ impl ToolShape {
             .refit(|face| faces[face as usize].vertices.map(|v| points[v as usize]));
     }
 
+    /// Whether the rim of an open mesh turns at a vertex.
+    pub(super) fn is_boundary_corner(&self, vertex: u32) -> bool {
+        self.is_boundary_corner[vertex as usize]
+    }
+
     /// Vertices that share an edge with a vertex.
     pub(super) fn around(&self, vertex: u32) -> &[u32] {
         let [from, to] = [vertex, vertex + 1].map(|v| self.first[v as usize] as usize);
@@ -157,8 +166,10 @@ impl ToolShape {
 }
 
 /// The faces at each edge, by the edge's vertices, each with the corner opposite the edge.
-fn faces_at_edges(triangles: &[[u32; 3]]) -> BTreeMap<[u32; 2], Vec<(Handle, usize)>> {
-    let mut sides: BTreeMap<[u32; 2], Vec<(Handle, usize)>> = BTreeMap::new();
+type FacesAtEdges = BTreeMap<[u32; 2], Vec<(Handle, usize)>>;
+
+fn faces_at_edges(triangles: &[[u32; 3]]) -> FacesAtEdges {
+    let mut sides = FacesAtEdges::new();
     for (face, t) in (0u32..).zip(triangles) {
         for k in 0..3 {
             let (a, b) = (t[(k + 1) % 3], t[(k + 2) % 3]);
@@ -167,6 +178,27 @@ fn faces_at_edges(triangles: &[[u32; 3]]) -> BTreeMap<[u32; 2], Vec<(Handle, usi
         }
     }
     sides
+}
+
+/// Whether the rim of an open mesh turns at each of these vertices. Where it goes straight on, both
+/// neighbours on it hold a tool that lies flat as well: gap and lever arm are the weighted means of
+/// theirs.
+fn boundary_corners(points: &[DVec3], sides: &FacesAtEdges) -> Vec<bool> {
+    let mut boundary: Vec<Vec<u32>> = vec![Vec::new(); points.len()];
+    for (&[a, b], _) in sides.iter().filter(|(_, faces)| faces.len() == 1) {
+        boundary[a as usize].push(b);
+        boundary[b as usize].push(a);
+    }
+    let turns = |(at, on_boundary): (&DVec3, &Vec<u32>)| match on_boundary[..] {
+        [] => false,
+        [a, b] => {
+            let [u, w] = [a, b].map(|v| points[v as usize] - *at);
+            !(u.dot(w) < 0.0 && u.cross(w).length() <= FLAT * u.length() * w.length())
+        }
+        // More than one rim, or its end.
+        _ => true,
+    };
+    points.iter().zip(&boundary).map(turns).collect()
 }
 
 /// Whether a point is in the plane of a triangle, as far as vertices in f32 can tell: its height is
@@ -214,6 +246,28 @@ mod tests {
     use super::*;
     use glam::DQuat;
     use proptest::prelude::*;
+
+    /// A sheet of two by two squares, and a round one of many sides: of the first the four corners,
+    /// of the second all.
+    #[test]
+    fn the_corners_of_a_rim_are_where_it_turns() {
+        const SIDES: u32 = 2000;
+        let place = |k: u32| DVec3::new(f64::from(k % 3), f64::from(k / 3), 0.0) * 0.1;
+        let points: Vec<DVec3> = (0..9).map(place).collect();
+        let squares = [0u32, 1, 3, 4].map(|a| [[a, a + 1, a + 4], [a, a + 4, a + 3]]);
+        let corners = boundary_corners(&points, &faces_at_edges(&squares.concat()));
+        let expected = [0, 1, 2, 3, 4, 5, 6, 7, 8].map(|k| [0, 2, 6, 8].contains(&k));
+        assert_eq!(corners, expected);
+        let angle = |k: u32| std::f64::consts::TAU * f64::from(k) / f64::from(SIDES);
+        let mut points: Vec<DVec3> = (0..SIDES)
+            .map(|k| DQuat::from_rotation_z(angle(k)) * DVec3::X)
+            .collect();
+        points.push(DVec3::ZERO);
+        let fan: Vec<[u32; 3]> = (0..SIDES).map(|k| [k, (k + 1) % SIDES, SIDES]).collect();
+        let corners = boundary_corners(&points, &faces_at_edges(&fan));
+        assert_eq!(corners.iter().filter(|&&of| of).count(), SIDES as usize);
+        assert!(!corners[SIDES as usize], "the middle is within");
+    }
 
     fn vector() -> impl Strategy<Value = DVec3> {
         prop::array::uniform3(-1.0..1.0f64).prop_map(DVec3::from_array)

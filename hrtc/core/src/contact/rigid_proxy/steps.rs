@@ -5,7 +5,7 @@ use super::look_ahead_tube::LookAheadTube;
 use super::mesh_change::MeshChange;
 use super::neighbourhood::Updated;
 use super::sweep::{Swept, free_share};
-use super::{ToolAdvance, ToolProxy};
+use super::{State, ToolAdvance, ToolProxy};
 use crate::contact::motion::Twist;
 use crate::contact::query::{Ending, Limit, Surface};
 
@@ -157,6 +157,9 @@ impl ToolProxy {
             self.pace = 0.0;
             self.device_travel = 0.0;
             self.coupling_target = self.at;
+        } else if self.state == State::Stuck {
+            answer.is_stuck = true;
+            self.coupling_target = self.at;
         } else {
             self.coupling_target = self.target_allowed_by_contacts(answer);
         }
@@ -219,7 +222,21 @@ impl ToolProxy {
             answer.ending = Ending::Complete;
             return Next::Retry;
         }
+        self.look_less_far(tick, answer)
+    }
+
+    /// What follows a collection that failed: it is unfinished, or the next is for a shorter path.
+    /// Where there is none, more faces are near than there is room for. No step is known to be safe
+    /// then, so the tool is stuck: contacts that were known once would hold it for ever. Beside a
+    /// surface that moves more is near, but only for as long as it does: until then it stays.
+    fn look_less_far(&mut self, tick: &TickSteps<'_>, answer: &mut ToolAdvance) -> Next {
         if self.near.has_partial_collection() {
+            return Next::End;
+        }
+        if self.look_ahead.is_shortest() {
+            if tick.offset <= self.static_offset() {
+                self.state = State::Stuck;
+            }
             return Next::End;
         }
         self.look_ahead.shorten();
@@ -346,6 +363,9 @@ impl ToolProxy {
         budget: u32,
         answer: &mut ToolAdvance,
     ) -> Option<usize> {
+        if let Some(tried) = &mut self.escapes_tried {
+            tried.begin_round();
+        }
         let of_pairs = budget / UPDATE_SHARE;
         let of_list = if self.near.has_partial_collection() {
             budget - of_pairs
@@ -364,7 +384,10 @@ impl ToolProxy {
         if updated == Updated::Unknown || self.has_unfinished_step {
             self.invalidate();
         }
-        self.near.place(&self.shape, &self.at);
+        // An unfinished collection, maybe around another placement, has placed what it needs.
+        if updated != Updated::Unfinished {
+            self.near.place(&self.shape, &self.at);
+        }
         match updated {
             Updated::All(first_changed) => Some(first_changed),
             Updated::Unfinished | Updated::Unknown => None,

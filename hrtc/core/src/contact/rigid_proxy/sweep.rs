@@ -30,6 +30,10 @@ const WITHIN: f64 = 1.0 - 1e-6;
 /// Share of the minimum separation within which a pair counts as stopped.
 const TOUCH: f64 = 0.05;
 
+/// The part of the minimum separation that a pair keeps along its direction at least, if it is
+/// nearer already: along a direction that has become a bad one it seems nearer than it is.
+const KEPT: f64 = 0.25;
+
 /// Share of the distance of the closest points by which their direction must separate the faces;
 /// below, the direction is rounding.
 const CLEAR: f64 = 0.99;
@@ -184,7 +188,8 @@ impl Sweep<'_> {
             self.last_direction = near.direction(&near.pairs[k]);
         }
         if share < swept.share {
-            swept.share = share;
+            // Pairs that are as near, as those under a flat face, end as far but for rounding.
+            swept.share = share * WITHIN;
             swept.stop = Some(k);
         }
     }
@@ -260,10 +265,11 @@ impl Bends {
             Direction::Turning(_) => self.seen_from_tool(surface),
         };
         let [now, then] = [near.apart_now(pair, corners), near.apart_then(pair, ends)];
-        let room = now - bend - min_separation;
+        let kept = min_separation.min((0.5 * now).max(KEPT * min_separation));
+        let room = now - bend - kept;
         let until = if room < 0.0 {
             0.0
-        } else if then - bend >= min_separation {
+        } else if then - bend >= kept {
             1.0
         } else {
             room / (now - then) * WITHIN

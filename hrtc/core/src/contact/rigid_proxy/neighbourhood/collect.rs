@@ -72,7 +72,8 @@ impl Neighbourhood {
             limit,
             |face, tool_face| {
                 if self.pairs.len() == MAX_PAIRS || self.faces.len() == MAX_SURFACE_FACES {
-                    // The places of faces change.
+                    // The lists are at their fullest, and the places of faces change.
+                    self.note_high_water();
                     candidate = None;
                     if !self.make_room(&mut margin) {
                         return ControlFlow::Break(());
@@ -117,7 +118,7 @@ impl Neighbourhood {
 
     /// Ends or interrupts a collection.
     fn finish_collection(&mut self, ending: Ending, partial: PartialCollection) {
-        self.high_water = self.high_water.max(self.pairs.len());
+        self.note_high_water();
         self.tube = LookAheadTube::nowhere();
         match ending {
             Ending::Complete => self.tube = partial.tube.narrowed(partial.margin),
@@ -240,7 +241,7 @@ impl Neighbourhood {
                 return (Updated::Unknown, work);
             }
         }
-        self.high_water = self.high_water.max(self.pairs.len());
+        self.note_high_water();
         match (&mut self.partial, resume) {
             (Some(partial), Some(resume)) => {
                 partial.resume = resume;
