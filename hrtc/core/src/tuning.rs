@@ -376,6 +376,19 @@ pub mod force {
     /// twentieth.
     pub const UNPAID_RETURNS_S: f64 = 0.2;
 
+    /// A force that is paid for in part returns to this times the part, while the device rests in a
+    /// surface. The hand gives way, and where the share is g times the paid part the energy A that
+    /// was put in falls as the g-th power of that in the spring, U: dA/dU = g A/U. So for any g some
+    /// is left; with half as much again a force that is paid for to two thirds returns whole.
+    pub const RETURNS_TO: f64 = 1.5;
+
+    /// Imperceptible forces by which an unpaid force returns beyond what is paid for, while the
+    /// device stays in a surface. A hand of 100 to 1000 N/m that rests there gives way to them, and
+    /// they fade as it does, by 0.06 N in a tick at the most; from six on they are cut, by 0.3 N
+    /// and more (model of the account at 1 and 4 kHz). With one, a hand that slides on waits twice
+    /// as long for its force.
+    pub const RETURNS_BEYOND: f64 = 3.0;
+
     /// Work in a period that no spring gives back, as a part of the perception limit's share of the
     /// energy taken in: a half, so that it may grow twofold before a fade is too slow.
     pub const LEAK_SHARE: f64 = 0.5;
@@ -388,8 +401,9 @@ pub mod force {
     /// nearest.
     pub const MAX_SHADING_FACES: usize = 256;
 
-    /// Most segments of its path that a spring passes in one tick.
-    pub const MAX_PATH_STEPS: usize = 16;
+    /// Nodes and faces that a search of force shading visits at the most for each face that there
+    /// is room for: four faces, and the nodes above them.
+    pub const SHADING_VISITS: u32 = 8;
 }
 
 /// The bodies. None of these numbers changes a force by itself.

@@ -44,7 +44,10 @@
 //!
 //! **Missing samples.** A `read` that returns `None` has no sample for this period, as of a device
 //! slower than the loop: motion is taken to go on. A fault of the hardware is one that goes on
-//! returning it: the controller ramps the force down after 20 ms of these.
+//! returning it: the controller ramps the force down after 20 ms of these. A driver that has no
+//! newer sample than in the period before returns `None`, or that one again with its own
+//! [`Sample::time_ns`], which tells it: a pose with another time, or with 0, is measured anew, so
+//! that the same pose is a device at rest.
 //!
 //! **Panics.** A driver must not panic.
 //!

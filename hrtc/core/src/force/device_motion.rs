@@ -6,7 +6,8 @@
 //! motion, the force before it would be charged for half a step too much, on the way in and on the
 //! way out. That is `K D v / 2` at a speed v. The hold of a period T leaks `K T v² / 2`, which is
 //! less below `v = D / T`: 40 mm/s at 10 um and 4 kHz. So the position is estimated within the
-//! step: it goes on at the estimated velocity, as far as the measured position allows.
+//! step: it goes on at the estimated velocity, as far as the measured position allows. It does so
+//! too where a sample is missing: a device slower than the loop is not at rest in between.
 
 use super::positions::{Positions, next_of};
 use crate::tuning::force::MOTION_ROUNDING;
@@ -95,9 +96,10 @@ impl DeviceMotion {
         };
         positions.add(position, [elapsed, periods]);
         let motion = positions.motion(self.step, self.window);
-        let noise = 2.0 * self.step + MOTION_ROUNDING * position.abs().max_element();
+        let noise = self.noise_at(position);
         let before = self.position;
-        self.position = self.estimated_position(position, motion, periods as f64);
+        let course = [elapsed, periods].map(|of| of as f64);
+        self.position = self.estimated_position(position, motion, course);
         let without_noise = self.estimated_without_noise.move_to(self.position, noise);
         let moved = self.measured_without_noise.move_to(position, noise);
         let lasting = self.without_noise_at_rest(motion, moved, elapsed);
@@ -109,13 +111,46 @@ impl DeviceMotion {
         })
     }
 
-    /// Estimated position at a `measured` one, after so many periods of a `motion` each. When an
-    /// encoder jumps, the device is beyond the middle between two steps by at most a period's
-    /// motion: by so much, since the account must not see less than is put out. Without a motion
-    /// for a window, nothing is known but the step.
-    fn estimated_position(&self, measured: DVec3, motion: DVec3, periods: f64) -> DVec3 {
+    /// The displacement in `elapsed` periods in which nothing was measured, as of a device slower
+    /// than the loop: it goes on by the last estimate. The next measured position is reached from
+    /// there, so that all displacements together are the measured one. `None` before the first.
+    pub fn go_on(&mut self, elapsed: u64) -> Option<Displacement> {
+        let positions = self.positions.as_mut()?;
+        let measured = positions.newest();
+        positions.add(measured, [elapsed; 2]);
+        let motion = self.estimated[0];
+        let before = self.position;
+        self.position += motion * elapsed as f64;
+        let noise = self.noise_at(self.position);
+        let without_noise = self.estimated_without_noise.move_to(self.position, noise);
+        for still in &mut self.still {
+            *still = still.saturating_add(elapsed);
+        }
+        Some(Displacement {
+            whole: self.position - before,
+            without_noise,
+            is_at_rest: motion == DVec3::ZERO,
+        })
+    }
+
+    /// The longest way back that is noise, at a position.
+    fn noise_at(&self, position: DVec3) -> f64 {
+        2.0 * self.step + MOTION_ROUNDING * position.abs().max_element()
+    }
+
+    /// Estimated position at a `measured` one, after `elapsed` periods of a `motion` each since the
+    /// last estimate, and `periods` since the last measured position. When an encoder jumps, the
+    /// device is beyond the middle between two steps by at most a period's motion: by so much,
+    /// since the account must not see less than is put out. Without a motion for a window, nothing
+    /// is known but the step.
+    fn estimated_position(
+        &self,
+        measured: DVec3,
+        motion: DVec3,
+        [elapsed, periods]: [f64; 2],
+    ) -> DVec3 {
         let forgotten = periods / (periods + self.window as f64);
-        let gone_on = self.position + motion * periods;
+        let gone_on = self.position + motion * elapsed;
         let position = gone_on + (measured - gone_on) * forgotten;
         let to_middle = DVec3::splat(0.5 * self.step) - motion.abs() * periods;
         let within = to_middle.max(DVec3::ZERO);

@@ -49,10 +49,11 @@ impl PaidCoupling {
         self.coupled = [None, self.coupled[0]];
     }
 
-    /// Scales a wrench and its spring by the share that is paid for. Returns them with what the
-    /// spring was given. `moved`: motion of the device against what it is coupled to, in the axes
-    /// of the wrench, metres and radians. `surface_moves`: whether the surface is refined under the
-    /// probe in this tick.
+    /// Scales the wrench of a spring, and the spring, by the share that is paid for. Returns them
+    /// with what the spring was given. What damping takes is no energy of the spring: with it in
+    /// the wrench, each stroke would pay for a contact that is found late. `moved`: motion of the
+    /// device against what it is coupled to, in the axes of the wrench, metres and radians.
+    /// `surface_moves`: whether the surface is refined under the probe in this tick.
     pub fn pay(
         &mut self,
         (wrench, spring): (Wrench, CouplingSpring),

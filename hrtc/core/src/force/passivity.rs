@@ -41,10 +41,14 @@
 //! Where U is above the energy A taken in, the force fades towards `A / U` of itself while the
 //! device moves away: at this share both are used up together. It returns later. Each change is at
 //! most the perception limit of a tick; the fading is also at most `W / U` in a tick. While the
-//! device presses on, over a surface that rests, the force returns the slower the less is paid for,
-//! by `A / U` of that limit (at least with `UNPAID_RETURNS_S`, so that it returns at all): what
-//! returns must fade again at the next turn, and a hand that trembles would feel the force come and
-//! go.
+//! device does not leave, over a surface that rests, the force returns the slower the less is paid
+//! for, by `A / U` of that limit (at least with `UNPAID_RETURNS_S`, so that it returns at all):
+//! what returns must fade again at the next turn, and a hand that trembles would feel the force
+//! come and go. It returns no farther than to `RETURNS_TO` times `A / U`, and
+//! `RETURNS_BEYOND` imperceptible forces: the hand gives way to what returns, and what nothing is
+//! left for is cut then, comes back, and so on. A hand that presses on pays for more. With a torque
+//! these
+//! forces are generalised ones, in the metric of the coupling.
 //!
 //! Work that no spring gives back, as of a force that is shaded, would empty the account and end
 //! the force at once. It fades before: what such work takes in a period is at most half of the
@@ -70,13 +74,13 @@
 //! out beyond the energy taken in, but only while the device moves, and only what is given of late
 //! (`RAISED_FADES_S`). A device that stands and is withdrawn later gets none of it.
 
-use super::device_motion::DeviceMotion;
-use crate::contact::motion::rotation_vector;
-use crate::perception::{STEP_N_PER_S, STEP_SHARE_PER_S};
+use super::device_motion::{DeviceMotion, Displacement};
+use crate::perception::{IMPERCEPTIBLE_N, STEP_N_PER_S, STEP_SHARE_PER_S};
 use crate::tuning::force::{
-    EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, UNPAID_RETURNS_S,
-    VELOCITY_WINDOW_S,
+    EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, RETURNS_BEYOND, RETURNS_TO,
+    UNPAID_RETURNS_S, VELOCITY_WINDOW_S,
 };
+use geometry::portable::rotation_vector;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
 use mutants::{Mutant, is};
@@ -98,8 +102,10 @@ pub struct EnergyAccount {
     is_apart: bool,
     /// Share of the force that the energy taken in allows, 0 to 1; it fades.
     paid: f64,
-    /// Energy in the spring in the last period, joules.
+    /// Energy in the spring at the last sample, joules.
     stored_j: f64,
+    /// Whether this tick has no sample.
+    goes_on: bool,
     /// Wrench on the device in this period.
     wrench: Wrench,
     /// Its limited part.
@@ -110,6 +116,9 @@ pub struct EnergyAccount {
     rotation: DeviceMotion,
     /// Orientation at the newest sample.
     orientation: DQuat,
+    /// Displacement and turn of this tick that are not booked yet; none between two ticks.
+    #[serde(skip)]
+    seen: Option<(Displacement, Displacement)>,
     /// Largest change in a period of a force, newtons, and of a torque, newton metres, that has
     /// passed the account.
     slew: [f64; 2],
@@ -192,11 +201,13 @@ impl EnergyAccount {
             is_apart: false,
             paid: 1.0,
             stored_j: 0.0,
+            goes_on: false,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
             translation: DeviceMotion::new(encoder_m, window),
             rotation: DeviceMotion::new(0.0, window),
             orientation: DQuat::IDENTITY,
+            seen: None,
             slew: [f64::INFINITY; 2],
         }
     }
@@ -215,23 +226,45 @@ impl EnergyAccount {
         Self { rotation, ..self }
     }
 
-    /// Adds the work of the last wrench, from the pose of the device (world, metres) at the end of
-    /// its period. `elapsed`: periods since the last call; `periods`: those that the motion took,
-    /// more after calls with the same pose, while there was no sample. `carried` and
-    /// `limited`: work over the motion of the material, joules, of the
-    /// whole wrench and of its limited part; both are subtracted.
-    pub fn moved_to(
-        &mut self,
-        pose: &Pose,
-        [elapsed, periods]: [u64; 2],
-        [carried, limited]: [f64; 2],
-    ) {
+    /// [`Self::see`] and [`Self::book`].
+    pub fn moved_to(&mut self, pose: &Pose, periods: [u64; 2], carried: [f64; 2]) {
+        self.see(pose, periods);
+        self.book(carried);
+    }
+
+    /// [`Self::see_nothing`] and [`Self::book`].
+    pub fn go_on(&mut self, elapsed: u64, carried: [f64; 2]) {
+        self.see_nothing(elapsed);
+        self.book(carried);
+    }
+
+    /// Takes the pose of the device (world, metres) at the end of a period. `elapsed`: periods
+    /// since the last call of this or of [`Self::see_nothing`]; `periods`: those that the motion
+    /// took, more where there was no sample.
+    pub fn see(&mut self, pose: &Pose, [elapsed, periods]: [u64; 2]) {
         let turned = rotation_vector(pose.orientation * self.orientation.inverse());
         self.orientation = pose.orientation;
         let turned_to = self.rotation.newest().unwrap_or_default() + turned;
         let moved = self.translation.moved_to(pose.position, [elapsed, periods]);
         let turned = self.rotation.moved_to(turned_to, [elapsed, periods]);
-        let (Some(moved), Some(turned)) = (moved, turned) else {
+        self.seen = moved.zip(turned);
+        self.goes_on = false;
+    }
+
+    /// There is no sample after `elapsed` periods: the device has gone on as it did. For one at
+    /// rest neither hold nor leak would be paid for in these periods, and a force that may return
+    /// there would have to be cut at the next sample.
+    pub fn see_nothing(&mut self, elapsed: u64) {
+        let moved = self.translation.go_on(elapsed);
+        self.seen = moved.zip(self.rotation.go_on(elapsed));
+        self.goes_on = true;
+    }
+
+    /// Adds the work of the last wrench over the motion that was seen. `carried` and `limited`:
+    /// work over the motion of the material, joules, of the whole wrench and of its limited part;
+    /// both are subtracted.
+    pub fn book(&mut self, [carried, limited]: [f64; 2]) {
+        let Some((moved, turned)) = self.seen.take() else {
             return;
         };
         let Wrench { force, torque } = self.wrench;
@@ -290,15 +323,23 @@ impl EnergyAccount {
         let moves_away = work > self.rounding(size, ahead);
         let before = self.paid;
         let step_share = STEP_SHARE_PER_S * self.period_s;
-        let imperceptible = (step_share * before).max(STEP_N_PER_S * self.period_s / size);
+        // With a torque the force may be none: the size is that of the generalised force, √(2 K U).
+        let pull = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
+        let generalised = if wanted.torque == DVec3::ZERO {
+            size
+        } else {
+            size.max(pull)
+        };
+        let imperceptible = (step_share * before).max(STEP_N_PER_S * self.period_s / generalised);
         // Two encoder steps of error in the balance are tolerated.
         let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
         let tolerated_j = 2.0 * steps;
         // Over a moving surface facets rise and fall under a device that is held.
         let surface_rests = ahead == CarriedWork::default();
-        let presses = work < 0.0 && surface_rests;
+        let stays = work <= 0.0 && surface_rests;
         let energies = [spring.stored_j, tolerated_j];
-        self.fade(work, energies, [moves_away, presses], imperceptible);
+        let beyond = RETURNS_BEYOND * IMPERCEPTIBLE_N / generalised;
+        self.fade(work, energies, [moves_away, stays], [imperceptible, beyond]);
         let leak = self.leak(work, spring.stored_j);
         if moves_away && leak > 0.0 && surface_rests {
             let due = LEAK_SHARE * step_share * taken_in.max(0.0) / leak;
@@ -308,14 +349,11 @@ impl EnergyAccount {
             return self.paid;
         }
         // Change of length of the spring, `along`. Force and torque of a tool may do opposite work,
-        // so with a torque it follows from the total work and the generalised force √(2 K U).
+        // so with a torque it follows from the total work and the generalised force.
         let (work_of_spring, pull) = if wanted.torque == DVec3::ZERO {
             (pushed, size)
         } else {
-            (
-                work,
-                (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt(),
-            )
+            (work, pull)
         };
         let along = if pull > 0.0 {
             work_of_spring / pull
@@ -335,14 +373,15 @@ impl EnergyAccount {
     }
 
     /// The paid share fades, or returns, by no more than is `imperceptible`. `work`: of the force
-    /// in the coming period. `tolerated_j`: error of the balance. `presses`: whether the device
-    /// presses on.
+    /// in the coming period. `tolerated_j`: error of the balance. `stays`: whether the device does
+    /// not leave, and the surface rests; the share then returns to what a hand that gives way to it
+    /// still leaves energy for, and `beyond`.
     fn fade(
         &mut self,
         work: f64,
         [stored_j, tolerated_j]: [f64; 2],
-        [moves_away, presses]: [bool; 2],
-        imperceptible: f64,
+        [moves_away, stays]: [bool; 2],
+        [imperceptible, beyond]: [f64; 2],
     ) {
         let taken_in = (self.raised_j - self.contact_joules + tolerated_j).max(0.0);
         // Not a number without a spring: all is paid for.
@@ -353,11 +392,16 @@ impl EnergyAccount {
             self.paid = paid_for.max(self.paid - fades);
             return;
         }
-        // While it leaves, no more than is paid for; above that it has faded.
-        let due = if moves_away { paid_for } else { 1.0 };
+        let due = match () {
+            // No more than is paid for; above that it has faded.
+            () if moves_away => paid_for,
+            // The hand gives way to what returns: to more than can fade meanwhile, which is cut.
+            () if stays => (RETURNS_TO * paid_for + beyond).max(self.paid).min(1.0),
+            () => 1.0,
+        };
         let missing = due - self.paid;
-        let returns = if presses {
-            let slowest = missing * self.period_s / (UNPAID_RETURNS_S + self.period_s);
+        let returns = if stays {
+            let slowest = (1.0 - self.paid) * self.period_s / (UNPAID_RETURNS_S + self.period_s);
             (imperceptible * paid_for).max(slowest)
         } else {
             imperceptible
@@ -366,8 +410,11 @@ impl EnergyAccount {
     }
 
     /// Of the work in the coming period, what no spring gives back: it is expected to give as much
-    /// as in the last one.
+    /// as since the last sample. What it gives where there is none is not known before the next.
     fn leak(&mut self, work: f64, stored_j: f64) -> f64 {
+        if self.goes_on {
+            return 0.0;
+        }
         let released = (self.stored_j - stored_j).clamp(0.0, work.max(0.0));
         self.stored_j = stored_j;
         work - released
@@ -450,6 +497,13 @@ impl EnergyAccount {
     #[must_use]
     pub fn motion(&self) -> DVec3 {
         self.translation.last()
+    }
+
+    /// Estimated turn in the last period, radians: a rotation vector, without the noise of the
+    /// encoder.
+    #[must_use]
+    pub fn turn(&self) -> DVec3 {
+        self.rotation.last()
     }
 
     /// Step of the device's encoder, metres; 0 for none.

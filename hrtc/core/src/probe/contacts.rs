@@ -227,6 +227,7 @@ impl Contacts {
             pair.render_near(clock, frame);
             return None;
         };
+        pair.note_contact_offset(frame.metres_per_unit);
         let certified = pair.certified(surface, &contact);
         let place = (frame, instance.before.as_ref(), &instance.surface);
         let depth_m = pair.render(clock, place, surface, &contact, probe, budget);

@@ -2,12 +2,13 @@
 
 use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Surface, Work};
+use crate::contact::query::{Surface, Work, closest_point_within};
 use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::Contact;
 use crate::costs::QueryWork;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::force::paid_coupling::PaidCoupling;
+use crate::force::passivity::CouplingSpring;
 use crate::instance::ModelFrame;
 use crate::probe::Probe;
 use crate::probe::proxy_kind::{ProxyKind, ProxyStep};
@@ -16,6 +17,11 @@ use glam::DVec3;
 use mutants::{Mutant, is};
 use scene::{ProbeShape, SurfacePlan};
 use spm::{Handle, NONE};
+
+/// Nodes and faces that a search for a place beside the proxy may visit.
+const OUTSIDE_WORK: u32 = 128;
+/// Rounding of a distance: a ball at rest on a surface is nearer by it than its radius.
+const ROUNDING: f64 = 1e-6;
 
 /// Contact state of a pair in a tick.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -109,6 +115,54 @@ impl ProbeObjectPair {
         self.nearest = None;
     }
 
+    /// The proxy has not begun yet, for want of a model: it will from here; see [`Self::begin`].
+    pub fn waits(&mut self, start: Option<Pose>) {
+        if !self.proxy.has_room() {
+            self.start = start;
+        }
+    }
+
+    /// A place beside the proxy, and on its side of the surface, at which the probe is outside of
+    /// every front of the object; model frame and units. `around`: radius of a ball around the
+    /// probe's position that holds it; `bulge`: by how much one front may stick out over another;
+    /// `work` grows.
+    ///
+    /// It is straight away from the nearest point of the surface. `None` where the ball is not free
+    /// at the proxy (a tool that touches), or the place is not: in a pocket it may be beyond the
+    /// other wall.
+    pub fn outside(
+        &self,
+        surface: Surface<'_>,
+        [around, bulge]: [f64; 2],
+        work: &mut Work,
+    ) -> Option<Pose> {
+        let proxy = self.proxy.pose()?;
+        let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
+        let mut nearest = |place: DVec3| {
+            let (found, cost, is_complete) =
+                closest_point_within(surface, place, hint, OUTSIDE_WORK);
+            work.add(cost);
+            found.filter(|_| is_complete).map(|found| found.closest)
+        };
+        let surface_at = nearest(proxy.position)?.point;
+        let away = proxy.position - surface_at;
+        let distance = away.length();
+        // One radius farther than it has to be: the surface may rise a little beside that point.
+        // The ball around the proxy and the free one around the place hold the way between them.
+        let free = around + bulge;
+        let far = free + around;
+        let is_free = distance >= (1.0 - ROUNDING) * around;
+        if !is_free || !far.is_finite() {
+            return None;
+        }
+        if distance >= far {
+            return Some(proxy);
+        }
+        let position = surface_at + away * (far / distance);
+        let clear = nearest(position)?.distance_squared.sqrt();
+        (clear >= free).then_some(Pose { position, ..proxy })
+    }
+
     /// The probe is far: its proxy ends.
     pub fn end(&mut self) {
         self.is_near = false;
@@ -136,8 +190,12 @@ impl ProbeObjectPair {
             let start = self.start.take().map(|start| frame.object_to_model(start));
             self.proxy.begin(self.patch_m, frame.metres_per_unit, start);
         }
+    }
+
+    /// Notes the distance at which the contacts of a tool act in this tick.
+    pub fn note_contact_offset(&mut self, metres_per_unit: f64) {
         if let Some(tool) = self.proxy.tool() {
-            let offset_m = tool.static_offset() * frame.metres_per_unit;
+            let offset_m = tool.static_offset() * metres_per_unit;
             self.contact_offset_m = self.contact_offset_m.max(offset_m);
         }
     }
@@ -179,7 +237,12 @@ impl ProbeObjectPair {
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
         self.hint = nearest.map(|nearest| nearest.face);
-        self.nearest = nearest.map(|nearest| nearest.closest.point);
+        let point = nearest.map(|nearest| nearest.closest.point);
+        self.nearest = if is_complete {
+            point
+        } else {
+            self.nearer_of(point, self.nearest)
+        };
         let clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
         self.clearance = if is_complete {
             clearance
@@ -191,6 +254,18 @@ impl ProbeObjectPair {
         };
         self.measured_at = self.proxy.position();
         Some(step)
+    }
+
+    /// The nearer of two points. A search that was cut short may have missed what it found before.
+    fn nearer_of(&self, one: Option<DVec3>, other: Option<DVec3>) -> Option<DVec3> {
+        let Some((middle, _)) = self.proxy.patch() else {
+            return one;
+        };
+        let nearer = |a: &DVec3, b: &DVec3| {
+            let [a, b] = [a, b].map(|point| point.distance_squared(middle));
+            a.total_cmp(&b)
+        };
+        one.into_iter().chain(other).min_by(nearer)
     }
 
     /// The largest certified error of the faces that hold the probe, model units: of a ball where
@@ -239,9 +314,8 @@ impl ProbeObjectPair {
             angular: a_period.angular / clock.period_s,
         };
         let scale = frame.metres_per_unit;
-        let (depth, wrench, spring) = self.proxy.render(&goal, scale, plan, &velocity);
-        let (coupled, moves) = ((wrench, spring), self.surface_moves);
-        let (wrench, spring) = self.coupling.pay(coupled, &moved, moves, clock.period_s);
+        let place = (&goal, scale, plan);
+        let (depth, wrench, spring) = self.couple(place, [&moved, &velocity], clock.period_s);
         let sign = match () {
             () if is(Mutant::Sign) => -1.0,
             () if is(Mutant::DeadZone) && depth < 1e-4 => 0.0,
@@ -262,6 +336,7 @@ impl ProbeObjectPair {
                 max_work: budget.left(QueryWork::Effects),
                 clock,
                 periods: probe.periods(),
+                goes_on: probe.goes_on(),
                 is_interrupted: probe.was_interrupted(),
                 surface,
                 metres_per_unit: scale,
@@ -275,6 +350,7 @@ impl ProbeObjectPair {
                 proxy: in_metres(proxy),
                 velocity: velocity.linear,
                 angular: velocity.angular,
+                moved: moved.times(1.0 / probe.periods()[1].max(1) as f64),
                 stiffness_n_per_m: plan.stiffness_n_per_m,
                 paid_n_per_m: spring.stiffness_n_per_m,
                 undamped: of_spring / size,
@@ -288,10 +364,26 @@ impl ProbeObjectPair {
         depth
     }
 
+    /// [`ProxyKind::render`], as far as the spring is paid for: what damping takes on every stroke
+    /// is no energy of the spring, and pays for none. `moved`: see [`PaidCoupling::pay`].
+    fn couple(
+        &mut self,
+        (goal, scale, plan): (&Pose, f64, &SurfacePlan),
+        [moved, velocity]: [&Twist; 2],
+        period_s: f64,
+    ) -> (f64, Wrench, CouplingSpring) {
+        let (depth, whole, spring) = self.proxy.render(goal, scale, plan, velocity);
+        let (_, undamped, _) = self.proxy.render(goal, scale, plan, &Twist::default());
+        let (coupled, moves) = ((undamped, spring), self.surface_moves);
+        let (_, spring) = self.coupling.pay(coupled, moved, moves, period_s);
+        (depth, whole * self.coupling.share(), spring)
+    }
+
     /// What has a limit: its name, the most that there was, and the limit.
     pub fn high_water(&self) -> impl Iterator<Item = (&'static str, (usize, usize))> + use<> {
-        let [proxy, effects] = [self.proxy.high_water(), self.effects.high_water()];
-        proxy.into_iter().chain(effects).flatten()
+        let effects = self.effects.high_water();
+        let proxy = self.proxy.high_water().into_iter().flatten();
+        proxy.chain(effects.into_iter().flatten())
     }
 
     /// Renders the effects of the surface in free space.
@@ -299,14 +391,16 @@ impl ProbeObjectPair {
         if self.effects.is_empty() {
             return;
         }
-        let (Some(nearest), Some((middle, radius))) = (self.nearest, self.proxy.patch()) else {
-            return;
+        // The contact is over, too, where it is not known what is near.
+        let (gap, towards) = match (self.nearest, self.proxy.patch()) {
+            (Some(nearest), Some((middle, radius))) => {
+                let outward = nearest - middle;
+                let gap = (outward.length() - radius) * frame.metres_per_unit;
+                (gap, outward.normalize_or_zero())
+            }
+            _ => (f64::INFINITY, DVec3::ZERO),
         };
-        let outward = nearest - middle;
-        let gap = (outward.length() - radius) * frame.metres_per_unit;
-        let force = self
-            .effects
-            .render_near(clock, gap, outward.normalize_or_zero());
+        let force = self.effects.render_near(clock, gap, towards);
         if force != DVec3::ZERO {
             let pulls = Rendered {
                 active: Wrench {
@@ -317,5 +411,152 @@ impl ProbeObjectPair {
             };
             self.rendered = Some(pulls.turned(frame.pose.orientation));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ab_tree::{AbTree, leaf_key};
+    use spm::{ActiveMesh, Certified};
+
+    /// Radius of the ball.
+    const BALL: f64 = 1e-3;
+
+    /// Sheets far and wide at some heights, which do not move.
+    fn sheets(heights: &[f32]) -> (ActiveMesh, AbTree) {
+        let count = heights.len() as u32;
+        let mut mesh = ActiveMesh::new(4 * count, 2 * count, 0);
+        let mut tree = AbTree::new(2 * count);
+        tree.preconstruct(2 * count);
+        for (sheet, &height) in (0..count).zip(heights) {
+            let first = 4 * sheet;
+            let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
+            for (vertex, (x, y)) in (first..).zip(corners) {
+                mesh.set_base_vertex(vertex, [x, y, height], Certified::EXACT);
+            }
+            for (face, corners) in (2 * sheet..).zip([[0, 1, 2], [3, 2, 1]]) {
+                mesh.set_base_face(face, corners.map(|k| first + k), [NONE; 3])
+                    .expect("the vertices are there");
+                tree.insert(face, leaf_key(face, 2 * count));
+            }
+        }
+        tree.refit(|face| mesh.face_box(face));
+        (mesh, tree)
+    }
+
+    /// Where the ball at the origin is outside of sheets at these heights, of which one front
+    /// sticks out by `bulge` over another; `around`: radius of what holds the probe.
+    fn outside(heights: &[f32], around: f64, bulge: f64) -> Option<f64> {
+        let (mesh, tree) = sheets(heights);
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let mut work = Work::default();
+        let place = held().outside(surface, [around, bulge], &mut work)?;
+        assert!(work.faces > 0);
+        assert!(place.position.truncate().length() < 1e-9);
+        Some(place.position.z)
+    }
+
+    #[test]
+    fn a_place_beside_the_proxy_is_on_its_side_and_beyond_every_front() {
+        const BULGE: f64 = 0.01;
+        let far = 2.0 * BALL + BULGE;
+        let is_at = |place: Option<f64>, due: f64| place.is_some_and(|z| (z - due).abs() < 1e-9);
+        // The sheet is above it, or below, and touches it.
+        for height in [3e-3, -3e-3, 1e-3] {
+            let place = outside(&[height], BALL, BULGE);
+            let height = f64::from(height);
+            assert!(is_at(place, height - far.copysign(height)), "{place:?}");
+        }
+        // It is far enough away as it is.
+        assert_eq!(outside(&[0.02], BALL, BULGE), Some(0.0));
+        // Another sheet is near the place, and it is between the two.
+        let place = outside(&[3e-3, -0.0205], BALL, BULGE);
+        assert!(is_at(place, f64::from(3e-3_f32) - far), "{place:?}");
+        for other in [-0.0195, -6e-3] {
+            assert_eq!(outside(&[3e-3, other], BALL, BULGE), None, "{other}");
+        }
+        // What holds a tool is not free.
+        assert_eq!(outside(&[3e-3], 4e-3, BULGE), None);
+        // Of a front nothing is certified.
+        for bulge in [f64::INFINITY, f64::NAN] {
+            assert_eq!(outside(&[3e-3], BALL, bulge), None);
+        }
+    }
+
+    #[test]
+    fn a_proxy_begins_from_the_latest_start() {
+        let frame = ModelFrame {
+            pose: Pose::IDENTITY,
+            metres_per_unit: 2.0,
+            origin: DVec3::X,
+        };
+        let shape = ProbeShape::Sphere { radius_m: BALL };
+        let mut pair = ProbeObjectPair::new(&shape, SurfaceEffects::default());
+        let at = |z: f64| Pose::at(DVec3::Z * z);
+        pair.begin(Some(at(0.1)));
+        pair.waits(Some(at(-0.1)));
+        pair.update(&frame, Some(at(-0.1)));
+        let begins = pair.proxy.pose();
+        assert_eq!(begins.map(|of| frame.model_to_object(of)), Some(at(-0.1)));
+        // Then it is where the surface lets it be.
+        pair.waits(Some(at(0.1)));
+        pair.update(&frame, Some(at(0.1)));
+        assert_eq!(pair.proxy.pose(), begins);
+    }
+
+    /// A ball of 1 mm that is held at the origin.
+    fn held() -> ProbeObjectPair {
+        let shape = ProbeShape::Sphere { radius_m: 1e-3 };
+        let mut pair = ProbeObjectPair::new(&shape, SurfaceEffects::default());
+        pair.proxy.begin(1e-3, 1.0, Some(Pose::IDENTITY));
+        pair
+    }
+
+    #[test]
+    fn what_was_nearest_stays_so_where_a_search_finds_nothing_nearer() {
+        let pair = held();
+        let at = |x: f64| Some(DVec3::X * x);
+        assert_eq!(pair.nearer_of(None, at(2.0)), at(2.0));
+        assert_eq!(pair.nearer_of(at(3.0), at(2.0)), at(2.0));
+        assert_eq!(pair.nearer_of(at(1.0), at(2.0)), at(1.0));
+        assert_eq!(pair.nearer_of(at(1.0), None), at(1.0));
+    }
+
+    /// The share of the spring that is paid for, of a hand that moves to and fro in a surface which
+    /// then comes half a millimetre nearer by itself.
+    fn paid(damping_ns_per_m: f64) -> f64 {
+        let plan = SurfacePlan {
+            stiffness_n_per_m: 800.0,
+            damping_ns_per_m,
+        };
+        let period_s = 1e-3;
+        let mut pair = held();
+        let mut before = 0.0;
+        for tick in 0..=1000_u32 {
+            let turn = std::f64::consts::TAU * 5.0 * period_s * f64::from(tick);
+            let depth = 1.5e-3 - 1e-3 * turn.cos();
+            let risen = if tick == 1000 { 5e-4 } else { 0.0 };
+            let goal = Pose::at(DVec3::NEG_Z * (depth + risen));
+            let moved = Twist {
+                linear: DVec3::NEG_Z * (depth - before),
+                angular: DVec3::ZERO,
+            };
+            before = depth;
+            pair.begin_tick();
+            let velocity = moved.times(1.0 / period_s);
+            let _ = pair.couple((&goal, 1.0, &plan), [&moved, &velocity], period_s);
+        }
+        pair.paid()
+    }
+
+    #[test]
+    fn what_damping_takes_pays_for_no_contact() {
+        let [without, with] = [0.0, 5.0].map(paid);
+        assert!(without < 0.9, "{without}");
+        assert!((with - without).abs() < 1e-9, "{with}, {without} without");
     }
 }

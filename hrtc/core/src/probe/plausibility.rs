@@ -22,6 +22,7 @@
 
 use crate::tuning::probe::{MAX_WIDENED_S, MIN_NEW_PLACE_SAMPLES, NEW_PLACE_S};
 use geometry::Pose;
+use geometry::portable::turn_between;
 use glam::DVec3;
 use haptic_device::MotionLimits;
 use mutants::{Mutant, is};
@@ -184,7 +185,7 @@ impl Plausibility {
         let strays = course
             .motion
             .map_or(DVec3::ZERO, |motion| moved - motion * periods);
-        let turned = course.pose.orientation.angle_between(pose.orientation);
+        let turned = turn_between(course.pose.orientation, pose.orientation);
         let bend = 0.5 * periods * (periods + 1.0) * self.period_s * self.period_s;
         let noise = 2.0 * self.encoder_m * (periods + 1.0);
         is(Mutant::Spike)

@@ -3,15 +3,18 @@
 
 use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Deadline, Limit, Nearest, Surface, Work, closest_point_within};
+use crate::contact::query::{
+    Deadline, Limit, MAX_FACES, Nearest, Surface, Work, closest_point_within,
+};
 use crate::contact::rigid_proxy::projection::MAX_ACTIVE;
 use crate::contact::rigid_proxy::{Imperceptible, Part, StepSettings, ToolContact, ToolProxy};
-use crate::contact::sphere_proxy::{Contact, MAX_PUSHING, Proxy};
+use crate::contact::sphere_proxy::{Contact, MAX_CONSTRAINTS, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::effects::contact_set::Push;
 use crate::force::passivity::CouplingSpring;
 use crate::tuning::governor::{MIN_BALL_UNITS, MIN_TOOL_UNITS};
 use crate::tuning::probe::{BALL_INTERVAL, PAIRS_A_UNIT, TOOL_INTERVAL};
+use geometry::portable::hypot;
 use geometry::{Pose, Wrench};
 use glam::DVec3;
 use mutants::{Mutant, is};
@@ -29,7 +32,11 @@ pub enum ProxyKind {
 
 /// The proxy of a ball; none until it begins.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
-pub struct SphereKind(Option<Proxy>);
+pub struct SphereKind {
+    proxy: Option<Proxy>,
+    /// The most faces near, and half-spaces, of its proxies before this one.
+    most: [usize; 2],
+}
 
 /// The proxy of a tool, in metres until it begins, and where it touches.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -85,7 +92,10 @@ impl ProxyKind {
         let tool = ToolMesh::of_shape(shape).and_then(|mesh| Tool::new(&mesh).ok());
         let proxy = tool.and_then(|tool| ToolProxy::new(tool, 1.0).ok());
         match proxy {
-            None => Self::Ball(Box::new(SphereKind(None))),
+            None => Self::Ball(Box::new(SphereKind {
+                proxy: None,
+                most: [0; 2],
+            })),
             Some(proxy) => Self::Tool(Box::new(ToolKind {
                 proxy,
                 has_room: false,
@@ -101,7 +111,10 @@ impl ProxyKind {
     /// Nothing is followed any more.
     pub fn invalidate(&mut self) {
         match self {
-            Self::Ball(ball) => ball.0 = None,
+            Self::Ball(ball) => {
+                ball.most = ball.high_water();
+                ball.proxy = None;
+            }
             Self::Tool(tool) => tool.has_room = false,
         }
     }
@@ -109,7 +122,7 @@ impl ProxyKind {
     /// Whether it follows.
     pub fn has_room(&self) -> bool {
         match self {
-            Self::Ball(ball) => ball.0.is_some(),
+            Self::Ball(ball) => ball.proxy.is_some(),
             Self::Tool(tool) => tool.has_room,
         }
     }
@@ -125,7 +138,7 @@ impl ProxyKind {
                 if let Some(start) = start {
                     proxy.place(start.position);
                 }
-                ball.0 = Some(proxy);
+                ball.proxy = Some(proxy);
             }
             Self::Tool(tool) => {
                 tool.has_room = tool.proxy.begin(1.0 / metres_per_unit).is_ok();
@@ -162,7 +175,7 @@ impl ProxyKind {
     /// Whether it has a place.
     pub fn is_placed(&self) -> bool {
         match self {
-            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_placed),
+            Self::Ball(ball) => ball.proxy.as_ref().is_some_and(Proxy::is_placed),
             Self::Tool(tool) => tool.has_room && tool.proxy.is_placed(),
         }
     }
@@ -171,7 +184,7 @@ impl ProxyKind {
     pub fn position(&self) -> Option<DVec3> {
         match self {
             _ if !self.is_placed() => None,
-            Self::Ball(ball) => ball.0.as_ref().map(Proxy::position),
+            Self::Ball(ball) => ball.proxy.as_ref().map(Proxy::position),
             Self::Tool(tool) => Some(tool.proxy.pose().position),
         }
     }
@@ -179,7 +192,7 @@ impl ProxyKind {
     /// Where the coupling of the device ends.
     fn coupling_end(&self) -> Option<DVec3> {
         match self {
-            Self::Ball(ball) if self.is_placed() => ball.0.as_ref().map(Proxy::settled),
+            Self::Ball(ball) if self.is_placed() => ball.proxy.as_ref().map(Proxy::settled),
             _ => self.position(),
         }
     }
@@ -196,7 +209,7 @@ impl ProxyKind {
     pub fn patch(&self) -> Option<(DVec3, f64)> {
         let position = self.position()?;
         Some(match self {
-            Self::Ball(ball) => (position, ball.0.as_ref().map_or(0.0, Proxy::radius)),
+            Self::Ball(ball) => (position, ball.proxy.as_ref().map_or(0.0, Proxy::radius)),
             Self::Tool(tool) => (tool.touched.unwrap_or(position), tool.spread),
         })
     }
@@ -238,7 +251,7 @@ impl ProxyKind {
             Self::Ball(_) => size,
             Self::Tool(tool) => {
                 let torque = tool.torque_about_centre(wrench, metres_per_unit);
-                size.hypot(torque.length())
+                hypot(size, torque.length())
             }
         }
     }
@@ -247,7 +260,7 @@ impl ProxyKind {
     pub fn parts(&self, goal: &Pose) -> impl Iterator<Item = Part> + use<'_> {
         let (ball, tool) = match self {
             _ if !self.is_placed() => (None, None),
-            Self::Ball(ball) => (ball.0.as_ref(), None),
+            Self::Ball(ball) => (ball.proxy.as_ref(), None),
             Self::Tool(tool) => (None, Some(tool.proxy.parts(goal))),
         };
         let goal = goal.position;
@@ -275,7 +288,7 @@ impl ProxyKind {
     pub fn carry(&mut self, mesh: &ActiveMesh, operation: &OperationFaces) {
         match self {
             Self::Ball(ball) => {
-                if let Some(proxy) = &mut ball.0 {
+                if let Some(proxy) = &mut ball.proxy {
                     proxy.carry(mesh, operation);
                 }
             }
@@ -287,7 +300,7 @@ impl ProxyKind {
     /// A ball slides no farther beyond the device's motion than this in a tick.
     pub fn limit_slide(&mut self, slide: f64) {
         if let Self::Ball(ball) = self
-            && let Some(proxy) = &mut ball.0
+            && let Some(proxy) = &mut ball.proxy
         {
             proxy.limit_slide(slide);
         }
@@ -310,7 +323,7 @@ impl ProxyKind {
         deadline: &mut dyn Deadline,
     ) -> ProxyStep {
         match self {
-            Self::Ball(ball) => ball.0.as_mut().map_or(ProxyStep::NOTHING, |proxy| {
+            Self::Ball(ball) => ball.proxy.as_mut().map_or(ProxyStep::NOTHING, |proxy| {
                 let limit = Limit::new(max_work, [MIN_BALL_UNITS as u32, BALL_INTERVAL], deadline);
                 let advance = proxy.advance(surface, goal.position, limit);
                 ProxyStep {
@@ -337,7 +350,7 @@ impl ProxyKind {
     /// left to move, or a ball that goes gently.
     pub fn is_held(&self) -> bool {
         match self {
-            Self::Ball(ball) => ball.0.as_ref().is_some_and(Proxy::is_behind),
+            Self::Ball(ball) => ball.proxy.as_ref().is_some_and(Proxy::is_behind),
             Self::Tool(tool) => tool.has_room && tool.proxy.is_blocked(),
         }
     }
@@ -353,7 +366,7 @@ impl ProxyKind {
         let none = (None, Work::default(), true);
         match self {
             Self::Ball(ball) => ball
-                .0
+                .proxy
                 .as_ref()
                 .map_or(none, |proxy| proxy.nearest(surface, hint, max_work)),
             Self::Tool(_) => self.patch().map_or(none, |(middle, _)| {
@@ -408,24 +421,37 @@ impl ProxyKind {
         (depth, wrench, spring)
     }
 
-    /// What has a limit: its name, the most that there was, and the limit.
-    pub fn high_water(&self) -> Option<[(&'static str, (usize, usize)); 2]> {
+    /// What has a limit: its name, the most that there was so far, and the limit.
+    pub fn high_water(&self) -> [Option<(&'static str, (usize, usize))>; 3] {
         match self {
             Self::Ball(ball) => {
-                let [faces, planes] = ball.0.as_ref()?.high_water();
-                Some([
-                    ("faces near the probe", faces),
-                    ("half-spaces of the proxy", planes),
-                ])
+                let [faces, planes] = ball.high_water();
+                [
+                    Some(("faces near the probe", (faces, MAX_FACES))),
+                    Some(("half-spaces of the proxy", (planes, MAX_CONSTRAINTS))),
+                    None,
+                ]
             }
             Self::Tool(tool) => {
-                let [pairs, contacts] = tool.proxy.high_water();
-                Some([
-                    ("pairs of faces near the tool", pairs),
-                    ("contacts of the tool", contacts),
-                ])
+                let [pairs, faces, contacts] = tool.proxy.high_water();
+                [
+                    Some(("pairs of faces near the tool", pairs)),
+                    Some(("faces near the tool", faces)),
+                    Some(("contacts of the tool", contacts)),
+                ]
             }
         }
+    }
+}
+
+impl SphereKind {
+    /// The most faces near, and half-spaces, of all its proxies so far.
+    fn high_water(&self) -> [usize; 2] {
+        let Some(proxy) = &self.proxy else {
+            return self.most;
+        };
+        let [faces, planes] = proxy.high_water().map(|(most, _)| most);
+        [self.most[0].max(faces), self.most[1].max(planes)]
     }
 }
 
@@ -458,9 +484,10 @@ impl ToolKind {
         }
     }
 
-    /// Torque of a wrench about the tool's centre over the radius of gyration, newtons.
+    /// Torque of a wrench about the tool's centre over the radius of gyration, newtons. Both are
+    /// the device's, for which the wrench is: the proxy may have other axes.
     fn torque_about_centre(&self, wrench: &Wrench, metres_per_unit: f64) -> DVec3 {
-        let from_centre = self.proxy.pose().position - self.proxy.centre();
+        let from_centre = self.proxy.device_arm();
         let torque = wrench.torque / metres_per_unit + from_centre.cross(wrench.force);
         torque / self.proxy.gyration()
     }
@@ -517,3 +544,6 @@ fn contact_of(contacts: &[ToolContact]) -> Option<Contact> {
         faces,
     })
 }
+
+#[cfg(test)]
+mod tests;

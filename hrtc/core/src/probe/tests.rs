@@ -311,6 +311,28 @@ fn a_wrench_that_is_no_number_does_no_work_beside_an_active_effect() {
     }
 }
 
+/// So that a controller without them asks its station for the same, and ticks as one with them.
+#[test]
+fn a_tour_that_keeps_no_points_counts_them_as_before() {
+    let mut kept = Held::new().probe.tour.unwrap();
+    let mut counted = kept.clone();
+    counted.drop_points();
+    let point = |t: f64| TourPoint {
+        t,
+        position: [0.0; 3],
+        orientation_wxyz: [1.0, 0.0, 0.0, 0.0],
+    };
+    let points = [0.0, 0.005, f64::NAN, 0.01].map(point);
+    // The second time two of them are known already; the third time some before them are missing.
+    for (first, follows) in [(0, true), (2, true), (7, false)] {
+        let took = [&mut kept, &mut counted].map(|tour| tour.take(first, &points));
+        assert_eq!(took, [follows; 2]);
+        assert_eq!(kept.taken(), counted.taken());
+    }
+    assert_eq!((kept.points.len(), kept.taken()), (3, 6));
+    assert_eq!(counted.points.capacity(), 0);
+}
+
 /// Force and torque have maxima of their own: where one of them is cut, the other has passed.
 #[test]
 fn a_torque_that_is_cut_says_nothing_of_the_force() {
@@ -351,4 +373,89 @@ fn a_torque_that_is_cut_says_nothing_of_the_force() {
     assert!((of(DVec3::ZERO, couple, 0.25).force - 0.25).abs() < 1e-12);
     assert_eq!(of(DVec3::ZERO, DVec3::ZERO, 0.0), all);
     assert_eq!(of(DVec3::NAN, couple, 0.5).force, 0.0);
+}
+
+/// A driver at half the rate of the loop presses on: the work of each period is booked in it.
+#[test]
+fn the_work_of_a_period_without_a_sample_is_booked_in_it() {
+    let Held { mut probe, .. } = Held::with(true);
+    let mut wanted = Rendered::default();
+    wanted.passive.force = DVec3::Z * WANTED;
+    let step_m = 2e-4;
+    for tick in 1..=4 * RAMP {
+        let place = DVec3::Z * (-step_m * tick as f64);
+        let sample = (tick % 2 == 0).then(|| Sample::at(Pose::at(place)));
+        let (force, before) = (probe.wrench.force.z, probe.energy.joules());
+        probe.sample(sample, 1);
+        let clock = Clock {
+            tick,
+            period_s: 1e-3,
+        };
+        probe.limit(clock, wanted, CarriedWork::default(), true);
+        if tick > 2 * RAMP {
+            let share = (probe.energy.joules() - before) / (-force * step_m);
+            assert!((share - 1.0).abs() < 1e-6, "tick {tick}: {share} of it");
+        }
+    }
+}
+
+/// A driver that exchanges the newest values with a thread of its own gives a sample again where it
+/// has no newer one: its time tells, so that the device is not at rest there. Without a time it is.
+#[test]
+fn a_sample_that_is_given_again_is_none() {
+    let step = DVec3::X * 2e-4;
+    for (has_time, again) in [(true, 1.0), (false, 0.0)] {
+        let mut held = Held::new();
+        for tick in 1..=400u64 {
+            let measured = tick - tick % 2;
+            let sample = Sample {
+                time_ns: if has_time { 1_000_000 * measured } else { 0 },
+                ..Sample::at(Pose::at(step * measured as f64))
+            };
+            held.probe.sample(Some(sample), 1);
+            let [_, a_period] = held.probe.motion_along(None, &Pose::IDENTITY);
+            if tick > 10 && tick % 2 == 1 {
+                assert_eq!(held.probe.goes_on(), has_time, "tick {tick}");
+                let off = a_period.linear.distance(step * again);
+                assert!(off < 1e-9, "{has_time}, tick {tick}: {a_period:?}");
+            }
+            held.probe.last = held.probe.pose;
+        }
+        assert_eq!(held.probe.rejected_samples, 0, "none is wrong");
+    }
+    // A driver whose own thread hangs falls silent: its force ramps down.
+    let mut held = Held::new();
+    let hangs = Sample {
+        time_ns: 1,
+        ..Sample::at(Pose::IDENTITY)
+    };
+    for tick in 0..4 * RAMP {
+        held.probe.sample(Some(hangs), 1);
+        let mut wanted = Rendered::default();
+        wanted.passive.force = DVec3::Z * WANTED;
+        let clock = Clock {
+            tick,
+            period_s: 1e-3,
+        };
+        held.probe
+            .limit(clock, wanted, CarriedWork::default(), true);
+    }
+    assert!(held.probe.is_at_rest(), "{:?}", held.probe.wrench);
+}
+
+/// An encoder shows a slow motion as jumps, at 4 kHz of 40 mm/s: no damper is to see them.
+#[test]
+fn the_motion_for_damping_is_without_the_steps_of_the_encoder() {
+    let mut held = Held::new();
+    let (encoder_m, a_period) = (1e-5, 2e-6);
+    for tick in 1..=400u64 {
+        let steps = (a_period * tick as f64 / encoder_m).round();
+        held.go_to(Some(DVec3::X * (steps * encoder_m)), 1);
+        let [_, seen] = held.probe.motion_along(None, &Pose::IDENTITY);
+        let share = seen.linear.x / a_period;
+        assert!(
+            tick < 100 || (share - 1.0).abs() < 0.5,
+            "tick {tick}: {share} of the motion"
+        );
+    }
 }

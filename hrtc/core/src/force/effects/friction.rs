@@ -239,10 +239,15 @@ impl Friction {
             last.map_or((at.device, DVec3::ZERO), |last| (last.device, last.torque));
         let turn = placement(&before).to(&placement(&at.device)).angular;
         let turned_j = torque.dot(turn);
-        account.moved_to(&Pose::at(at.device.position), at.periods, [-turned_j; 2]);
+        if at.goes_on {
+            account.go_on(at.periods[0], [-turned_j; 2]);
+        } else {
+            account.moved_to(&Pose::at(at.device.position), at.periods, [-turned_j; 2]);
+        }
         account.dissipate_beyond(held.iter().map(Held::stored_j).sum());
-        // What it turns in the coming period.
-        let turn = turn / at.periods[1] as f64;
+        // What it turns in the coming period, by the estimate, as what it moves: without a sample
+        // both go on.
+        let turn = at.angular * at.clock.period_s;
         let next = account.next();
         let then_j: f64 = held.iter().map(|of| of.moved(next, turn).stored_j()).sum();
         let (mut work, mut of_motion, mut force) = (0.0, 0.0, DVec3::ZERO);
@@ -326,8 +331,9 @@ mod tests {
     const HALF_M: f64 = 0.01;
 
     /// The most work, joules, and the largest torque, N m, of the friction of a tool on four
-    /// corners, over a path of turns and displacements of its proxy, with the device below.
-    fn work_of(account: Option<EnergyAccount>, stays: bool) -> [f64; 2] {
+    /// corners, over a path of turns and displacements of its proxy, with the device below. The
+    /// device has a sample in one of so many periods, and moves as much more slowly.
+    fn work_of(account: Option<EnergyAccount>, stays: bool, every: u32) -> [f64; 2] {
         let plan = FrictionPlan {
             static_: 0.4,
             dynamic: 0.3,
@@ -336,27 +342,39 @@ mod tests {
         let mut set = ContactSet::default();
         let mut bench = Bench::new(HALF_M);
         let (mut wrench, mut worst, mut joules) = (Wrench::ZERO, f64::NEG_INFINITY, 0.0);
-        let mut felt = 0.0;
+        let (mut felt, mut here, mut angular) = (0.0, bench.pose, DVec3::ZERO);
         for tick in 0..20_000u32 {
-            let t = 1e-3 * f64::from(tick);
+            let t = 1e-3 * f64::from(tick) / f64::from(every);
             // Some sixty turns a second, of less than what slides, or of more.
             let reach = if stays { 2e-4 } else { 2e-3 };
             let turn = reach / HALF_M * (380.0 * t).sin();
-            let before = bench.pose;
-            bench.pose = Pose {
+            let before = here;
+            here = Pose {
                 position: DVec3::new(0.3 * reach * (130.0 * t).sin(), 0.0, 0.0),
                 orientation: glam::DQuat::from_rotation_z(turn),
             };
-            let motion = placement(&before).to(&placement(&bench.pose));
+            let motion = placement(&before).to(&placement(&here));
             joules += wrench.force.dot(motion.linear) + wrench.torque.dot(motion.angular);
             worst = max_or_nan(worst, joules);
+            let goes_on = !tick.is_multiple_of(every);
+            let periods = [1, if tick == 0 { 1 } else { u64::from(every) }];
+            if !goes_on {
+                let turned = placement(&bench.pose).to(&placement(&here)).angular;
+                angular = turned / (1e-3 * periods[1] as f64);
+                bench.pose = here;
+            }
             bench.step();
             let corners = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)];
             let pushes = corners.map(|(x, y)| Push {
                 point: bench.pose.transform_point(DVec3::new(x, y, 0.0) * HALF_M),
                 force: DVec3::Z * 0.5,
             });
-            let sample = bench.sample(&pushes);
+            let sample = ContactSample {
+                periods: if goes_on { [1; 2] } else { periods },
+                goes_on,
+                angular,
+                ..bench.sample(&pushes)
+            };
             let mut out = Rendered::default();
             let mut contacts = set.track(&sample, DVec3::Z * 2.0);
             friction.render(&sample, contacts.all(), 1.0, &mut out);
@@ -367,17 +385,20 @@ mod tests {
     }
 
     /// A sampled spring puts out energy where it is turned to and fro: that of torques too is
-    /// limited, whether the contacts stick or slide.
+    /// limited, whether the contacts stick or slide, and where a device has no sample in most
+    /// periods.
     #[test]
     fn friction_puts_out_no_energy_where_a_tool_turns() {
         for stays in [true, false] {
             let account = EnergyAccount::new(0.0, 1e-3);
-            let [limited, felt] = work_of(Some(account), stays);
-            let [free, felt_free] = work_of(None, stays);
-            println!("{limited} J, {free} J without the limit");
-            assert!(felt > 1e-3 && felt_free > 1e-3, "{felt} {felt_free} N m");
-            assert!(limited < 1e-5, "{limited} J put out");
-            assert!(!stays || free > 1e-3, "{free} J: nothing to limit");
+            for every in [1, 4] {
+                let [limited, felt] = work_of(Some(account.clone()), stays, every);
+                let [free, felt_free] = work_of(None, stays, every);
+                println!("{every}: {limited} J, {free} J without the limit");
+                assert!(felt > 1e-3 && felt_free > 1e-3, "{felt} {felt_free} N m");
+                assert!(limited < 1e-5, "{every}: {limited} J put out");
+                assert!(!stays || free > 1e-3, "{free} J: nothing to limit");
+            }
         }
     }
 

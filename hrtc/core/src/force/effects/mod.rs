@@ -36,6 +36,7 @@ pub mod texture;
 pub mod vibration;
 pub mod viscosity;
 
+use crate::contact::motion::Twist;
 use crate::contact::query::{Surface, Work};
 use crate::force::passivity::{CouplingSpring, EnergyAccount};
 use crate::tuning::force::MAX_SHADING_FACES;
@@ -65,8 +66,10 @@ pub struct ContactSample<'a> {
     /// The tick.
     pub clock: Clock,
     /// Periods since the tick before, and those of the probe's motion since: see
-    /// [`crate::force::passivity::EnergyAccount::moved_to`].
+    /// [`crate::force::passivity::EnergyAccount::see`].
     pub periods: [u64; 2],
+    /// Whether there was no sample of the device, which is taken to go on as it did.
+    pub goes_on: bool,
     /// Whether the device has moved without its wrench since the tick before, or to another place.
     pub is_interrupted: bool,
     /// The surface, in the model's units.
@@ -94,6 +97,9 @@ pub struct ContactSample<'a> {
     pub velocity: DVec3,
     /// Its angular velocity relative to the object, rad/s.
     pub angular: DVec3,
+    /// How it moved in a period, as the samples say: the velocities are estimated, and come after a
+    /// sudden motion by a few periods. Metres and radians.
+    pub moved: Twist,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
     /// That of it which its spring has now: less where a contact that was found late is paid for.
@@ -103,6 +109,16 @@ pub struct ContactSample<'a> {
 }
 
 impl ContactSample<'_> {
+    /// Motion of the probe in a period at a lever arm, metres, along the surface of a normal: the
+    /// larger of what is estimated and what the samples say.
+    #[must_use]
+    pub fn step_along(&self, normal: DVec3, arm: DVec3) -> f64 {
+        let measured = self.moved.linear + self.moved.angular.cross(arm);
+        let estimated = self.velocity_at(arm) * self.clock.period_s;
+        let along = |motion: DVec3| (motion - normal * normal.dot(motion)).length();
+        along(measured).max(along(estimated))
+    }
+
     /// Velocity of the probe at a lever arm, m/s.
     #[must_use]
     pub fn velocity_at(&self, arm: DVec3) -> DVec3 {
@@ -357,8 +373,8 @@ impl SurfaceEffects {
         }
     }
 
-    /// Force, newtons, on a probe without contact. `gap_m`: distance of the surface, metres;
-    /// `towards`: unit vector to it. It resets the effects of a contact.
+    /// Force, newtons, on a probe without contact. `gap_m`: distance of the surface, metres,
+    /// infinite if unknown; `towards`: unit vector to it. It resets the effects of a contact.
     pub fn render_near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
         let mut force = DVec3::ZERO;
         self.contacts.reset();
@@ -447,11 +463,14 @@ impl SceneEffects {
         self.0.is_empty()
     }
 
-    /// The next pose of the device is no motion: the mass of inertia is at rest there.
+    /// The next pose of the device is no motion: the mass of inertia is at rest there, and a spring
+    /// is at the nearest point of its path.
     pub fn go_to_new_place(&mut self) {
         for listed in &mut self.0 {
-            if let SceneEffect::Inertia(of) = &mut listed.effect {
-                of.go_to_new_place();
+            match &mut listed.effect {
+                SceneEffect::Inertia(of) => of.go_to_new_place(),
+                SceneEffect::Spring(of) => of.go_to_new_place(),
+                _ => {}
             }
         }
     }
@@ -536,6 +555,7 @@ mod tests {
                     period_s: 1e-3,
                 },
                 periods: [1; 2],
+                goes_on: false,
                 is_interrupted: false,
                 surface: Surface {
                     mesh: &self.mesh,
@@ -552,6 +572,7 @@ mod tests {
                 proxy: self.pose,
                 velocity: DVec3::ZERO,
                 angular: DVec3::ZERO,
+                moved: Twist::default(),
                 stiffness_n_per_m: 800.0,
                 paid_n_per_m: 800.0,
                 undamped: 1.0,

@@ -30,22 +30,18 @@ pub struct NearestFaces {
     faces: [FaceNear; MAX_SHADING_FACES],
     count: usize,
     room: usize,
-    /// Faces that a search may still come to.
-    left: usize,
     within: f64,
     is_cut: bool,
 }
 
 impl NearestFaces {
-    /// No faces of a search up to a distance, one of so many searches that share the room. Each may
-    /// come to four times as many faces as it keeps.
+    /// No faces of a search up to a distance, one of so many searches that share the room.
     pub fn new(within: f64, searches: usize) -> Self {
         let room = (MAX_SHADING_FACES / searches.max(1)).max(1);
         Self {
             faces: [FaceNear::NONE; MAX_SHADING_FACES],
             count: 0,
             room,
-            left: 4 * room,
             within,
             is_cut: false,
         }
@@ -54,7 +50,6 @@ impl NearestFaces {
     /// Takes a face in, if it is one of the nearest. Returns the distance up to which the search
     /// goes on.
     pub fn add(&mut self, face: FaceNear) -> f64 {
-        self.left = self.left.saturating_sub(1);
         if self.count < self.room {
             self.faces[self.count] = face;
             self.count += 1;
@@ -70,10 +65,12 @@ impl NearestFaces {
             self.faces[0] = face;
             self.sink(0);
         }
-        if self.left == 0 {
-            return 0.0;
-        }
         self.farthest_squared().sqrt().min(self.within)
+    }
+
+    /// How many there is room for.
+    pub fn room(&self) -> usize {
+        self.room
     }
 
     /// The faces.
@@ -124,18 +121,22 @@ mod tests {
             let mut nearest = NearestFaces::new(1.0, searches);
             let room = nearest.room;
             let mut sorted = Vec::new();
-            for &distance in distances.iter().take(4 * room) {
-                let within = nearest.add(FaceNear {
-                    distance_squared: distance * distance,
-                    ..FaceNear::NONE
-                });
+            let mut within = 1.0;
+            for &distance in &distances {
+                // What is farther a search leaves out.
+                if distance <= within {
+                    within = nearest.add(FaceNear {
+                        distance_squared: distance * distance,
+                        ..FaceNear::NONE
+                    });
+                    prop_assert!(within <= 1.0);
+                }
                 sorted.push(distance * distance);
-                prop_assert!(within <= 1.0);
             }
             sorted.sort_by(f64::total_cmp);
             sorted.truncate(room);
             let mut kept: Vec<f64> = nearest.all().iter().map(|of| of.distance_squared).collect();
-            prop_assert_eq!(nearest.is_cut(), distances.len().min(4 * room) > room);
+            prop_assert_eq!(nearest.is_cut(), distances.len() > room);
             if nearest.is_cut() {
                 prop_assert_eq!(sorted.last(), Some(&nearest.farthest_squared()));
             }

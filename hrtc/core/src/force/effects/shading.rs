@@ -24,7 +24,9 @@ use super::contact_set::{Acting, MAX_CONTACTS};
 use super::nearest_faces::{FaceNear, NearestFaces};
 use super::{ContactSample, Rendered};
 use crate::contact::query::{Work, faces_within_limited};
+use crate::tuning::force::SHADING_VISITS;
 use geometry::ClosestPoint;
+use geometry::portable::{angle_between, cos, hypot, sin};
 use glam::DVec3;
 use mutants::{Mutant, is};
 use scene::ShadingPlan;
@@ -119,9 +121,10 @@ impl Shading {
             middle / at.metres_per_unit
         });
         let off = centre.distance(point);
-        let within = off.hypot(radius);
+        let within = hypot(off, radius);
         let mut nearest = NearestFaces::new(within, searches);
         let most = at.max_work / searches.max(1) as u32;
+        let most = most.min(SHADING_VISITS * nearest.room() as u32);
         let visit = |face, closest: ClosestPoint| {
             let [a, b, c] = at.surface.mesh.corners(face);
             let cross = (b - a).cross(c - a);
@@ -157,7 +160,7 @@ impl Shading {
         };
         let mean: DVec3 = weighed().sum();
         let mean = mean.normalize_or(normal);
-        let sharp = (0.5 * self.plan.max_turn).cos();
+        let sharp = cos(0.5 * self.plan.max_turn);
         let kept: DVec3 = weighed()
             .map(|face| {
                 let alike = face.normalize_or_zero().dot(mean);
@@ -215,12 +218,12 @@ enum Smooth {
 
 /// A unit vector, turned towards another by at most an angle, radians.
 fn turned_to(from: DVec3, to: DVec3, most: f64) -> DVec3 {
-    let angle = from.angle_between(to);
+    let angle = angle_between(from, to);
     if angle <= most || is(Mutant::Shading) {
         return to;
     }
     let aside = (to - from * from.dot(to)).normalize_or_zero();
-    (from * most.cos() + aside * most.sin()).normalize_or(to)
+    (from * cos(most) + aside * sin(most)).normalize_or(to)
 }
 
 #[cfg(test)]
@@ -230,6 +233,7 @@ mod tests {
     use crate::force::effects::contact_set::ContactSet;
     use crate::force::effects::tests::Bench;
     use crate::force::passivity::CouplingSpring;
+    use crate::tuning::force::MAX_SHADING_FACES;
     use ab_tree::{AbTree, leaf_key};
     use geometry::Wrench;
     use spm::{ActiveMesh, Certified, NONE};
@@ -313,5 +317,70 @@ mod tests {
             angle = next;
         }
         assert!(angle < 1e-6, "{angle}");
+    }
+
+    /// A ring of faces about the origin, of which one stands up, far faces, and a face at the
+    /// origin, the last one of the tree.
+    fn ring_about_a_face() -> (ActiveMesh, AbTree) {
+        const FACES: u32 = 4096;
+        const IN_RING: u32 = FACES / 2;
+        let mut mesh = ActiveMesh::new(3 * FACES, FACES, 0);
+        let mut tree = AbTree::new(FACES);
+        tree.preconstruct(FACES);
+        for face in 0..FACES {
+            let angle = std::f64::consts::TAU * f64::from(face) / f64::from(IN_RING);
+            let at = |distance: f64, aside: f64, height: f64| {
+                let angle = angle + aside;
+                DVec3::new(distance * angle.cos(), distance * angle.sin(), height)
+            };
+            let height = if face == 0 { 2e-3 } else { 0.0 };
+            let inner = if face % 16 == 0 { 0.9e-3 } else { 1e-3 };
+            let corners = match face {
+                _ if face < IN_RING => [
+                    at(inner, 0.0, 0.0),
+                    at(1.2e-3, -1e-3, height),
+                    at(1.2e-3, 1e-3, 0.0),
+                ],
+                _ if face + 1 < FACES => [1.0, 1.1, 1.2].map(|x| DVec3::new(x, x * x, 0.0)),
+                _ => [0.0, 2.0, 4.0].map(|turn| at(1e-4, turn, 0.0)),
+            };
+            for (k, corner) in (0..).zip(corners) {
+                let corner = corner.as_vec3().to_array();
+                mesh.set_base_vertex(3 * face + k, corner, Certified::EXACT);
+            }
+            let vertices = [0, 1, 2].map(|k| 3 * face + k);
+            mesh.set_base_face(face, vertices, [NONE; 3])
+                .expect("the vertices are there");
+            tree.insert(face, leaf_key(face, FACES));
+        }
+        tree.refit(|face| mesh.face_box(face));
+        (mesh, tree)
+    }
+
+    /// More faces than a search visits come before the face under the ball: without it they say
+    /// nothing of the direction.
+    #[test]
+    fn a_search_that_ends_before_the_nearest_face_knows_no_direction() {
+        let (mesh, tree) = ring_about_a_face();
+        let mut shading = Shading::new(ShadingPlan {
+            radius_m: 2e-3,
+            max_turn: 0.7,
+        });
+        let bench = Bench::new(0.0);
+        let sample = ContactSample {
+            surface: Surface {
+                mesh: &mesh,
+                tree: &tree,
+            },
+            point: DVec3::ZERO,
+            middle: Some(DVec3::Z * 1e-3),
+            ..bench.sample(&[])
+        };
+        let mut acting = ContactSet::default().track(&sample, DVec3::Z);
+        let contact = acting.all()[0];
+        let (found, work) = shading.smooth(&sample, &contact, DVec3::Z, 1);
+        assert_eq!(found, Smooth::Unknown, "{work:?}");
+        assert!(work.nodes + work.faces <= SHADING_VISITS * MAX_SHADING_FACES as u32);
+        assert_eq!(shading.cut(), 1, "it is counted");
     }
 }

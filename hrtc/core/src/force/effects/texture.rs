@@ -14,6 +14,7 @@
 
 use super::contact_set::Acting;
 use super::{ContactSample, Rendered};
+use geometry::portable::{log2, sin_cos};
 use glam::{DVec2, DVec3};
 use mutants::{Mutant, is};
 use scene::{Pattern, TexturePlan};
@@ -76,9 +77,7 @@ impl Texture {
         out: &mut Rendered,
     ) -> f64 {
         let normal = contact.force / size;
-        let velocity = at.velocity_at(contact.arm);
-        let along = velocity - normal * normal.dot(velocity);
-        let step = along.length() * at.clock.period_s;
+        let step = at.step_along(normal, contact.arm);
         let relief = relief(&self.plan.pattern, contact.point + at.origin, step);
         let amplitude = amount * self.plan.amplitude_m;
         let lowered = amplitude * (relief.height - 1.0);
@@ -101,7 +100,7 @@ pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
             wavelength_m,
             direction,
         } => {
-            let (sine, cosine) = (TAU * (place.dot(*direction) / wavelength_m).fract()).sin_cos();
+            let (sine, cosine) = sin_cos(TAU * (place.dot(*direction) / wavelength_m).fract());
             let share = share(*wavelength_m, step);
             Relief {
                 height: share * sine,
@@ -123,7 +122,7 @@ pub fn relief(pattern: &Pattern, place: DVec3, step: f64) -> Relief {
             // The shortest wave of a level is two samples, and has to last more than two ticks. The
             // quadratic spline of a level may keep half of a shorter wave: one level more.
             let apart = width_m / map.width() as f64;
-            let coarseness = (2.0 * step / apart).max(f64::MIN_POSITIVE).log2();
+            let coarseness = log2((2.0 * step / apart).max(f64::MIN_POSITIVE));
             let at = map.at(DVec2::new(place[u], place[v]) / across, coarseness);
             let mut gradient = DVec3::ZERO;
             gradient[u] = at.slope.x / across.x;

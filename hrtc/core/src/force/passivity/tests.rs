@@ -3,6 +3,7 @@
 use super::*;
 
 mod fading;
+mod slow;
 
 const PERIOD_S: f64 = 1e-3;
 /// Work over the motion of a surface at rest.

@@ -81,3 +81,80 @@ fn what_is_given_meanwhile_does_not_shake_a_force_that_fades() {
         assert!(before > 0.0 && turns < 10, "{uneven}: {turns} turns");
     }
 }
+
+/// A hand of 200 N/m rests 5 mm in a surface, and has paid for it. Then its force is cut once, as
+/// after a stall, and rises along a ramp: nobody has paid for it any more. Before, it came and went
+/// by half of it forty times a second.
+#[test]
+fn a_hand_at_rest_whose_force_was_cut_is_not_shaken() {
+    let (stiffness_n_per_m, step_m, ramp_s) = (800.0, 1e-5, 0.2);
+    for period_s in [1e-3, 2.5e-4] {
+        let slew_n = 2000.0 * period_s;
+        let account = EnergyAccount::new(step_m, period_s);
+        let mut account = account.with_slew([slew_n, f64::INFINITY]);
+        let (mut x, mut v, mut force, mut ramp) = (5e-3_f64, 0.0_f64, 0.0_f64, 1.0_f64);
+        let (mut largest, mut sum, mut count): (f64, f64, f64) = (0.0, 0.0, 0.0);
+        let ticks = |seconds: f64| (seconds / period_s).round() as u64;
+        for tick in 0..ticks(7.5) {
+            let seconds = tick as f64 * period_s;
+            let aim = 3e-3 - 8e-3 * (2.0 * seconds).min(1.0);
+            for _ in 0..16 {
+                let dt = period_s / 16.0;
+                v += (force - v + 200.0 * (aim - x) - 2.0 * v) * dt / 0.1;
+                x += v * dt;
+            }
+            let measured = (x / step_m).round() * step_m;
+            account.moved_to(&Pose::at(DVec3::X * measured), [1; 2], STANDING);
+            if tick == ticks(2.0) {
+                assert!(force > 0.79, "{force} N before");
+                account.set_output(Wrench::ZERO, Wrench::ZERO);
+                (force, ramp) = (0.0, 0.0);
+            }
+            account.pass_time(period_s);
+            ramp = (ramp + period_s / ramp_s).min(1.0);
+            let depth = (-measured).max(0.0);
+            let wanted = push(stiffness_n_per_m * depth);
+            let spring = CouplingSpring {
+                stiffness_n_per_m,
+                stored_j: 0.5 * stiffness_n_per_m * depth * depth,
+                raised_j: 0.0,
+            };
+            let share = account.share(wanted, spring, CarriedWork::default());
+            let most = (wanted.force.x * share).min(8.0) * ramp;
+            let before = force;
+            force = most.clamp(force - slew_n, force + slew_n);
+            account.set_output(push(force), push(force));
+            if tick > ticks(2.5) {
+                largest = crate::record::max_or_nan(largest, (force - before).abs());
+                (sum, count) = (sum + force, count + 1.0);
+            }
+        }
+        let mean = sum / count;
+        println!("{period_s} s: {largest} N in a tick, {mean} N at mean");
+        assert!(largest < 0.1, "{period_s} s: {largest} N in a tick");
+        assert!(mean > 0.1, "{period_s} s: {mean} N at mean");
+    }
+}
+
+/// A tool that is twisted between two walls: their forces cancel. Nothing is paid for, as after a
+/// soft start, and its torque returns as gently as a force.
+#[test]
+fn a_torque_beside_no_force_does_not_return_in_a_tick() {
+    let (stiffness_n_per_m, stored_j) = (1000.0, 1e-4);
+    let mut account = EnergyAccount::new(0.0, PERIOD_S);
+    account.moved_to(&turned_by(0.0, 0.0), [1; 2], STANDING);
+    account.paid = 0.2;
+    let spring = CouplingSpring {
+        stiffness_n_per_m,
+        stored_j,
+        raised_j: 0.0,
+    };
+    let pull = (2.0 * stiffness_n_per_m * stored_j).sqrt();
+    for _ in 0..100 {
+        let before = account.paid;
+        account.moved_to(&turned_by(0.0, 0.0), [1; 2], STANDING);
+        let share = account.share(twist(0.02), spring, CarriedWork::default());
+        let unfelt = PERIOD_S * (STEP_SHARE_PER_S * before).max(STEP_N_PER_S / pull);
+        assert!(share <= before + unfelt, "{before}, then {share}");
+    }
+}
