@@ -28,8 +28,8 @@ impl Capacity {
 }
 
 impl Controller {
-    /// Capacities and high-water marks, for the end of a run: it allocates. Of several active
-    /// objects, whose capacities are equal, the fullest counts.
+    /// Capacities and high-water marks, for the end of a run: it allocates. Of several places for
+    /// active objects, and of the objects and proxies that had them, the largest of each counts.
     #[must_use]
     pub fn capacities(&self) -> Vec<Capacity> {
         let mut all: Vec<(&str, (usize, usize))> = Vec::new();
@@ -75,11 +75,10 @@ impl Controller {
             .collect()
     }
 
-    /// The most bytes that cache and base meshes ever took.
+    /// The most bytes that cache and base meshes took in a tick: the largest
+    /// [`crate::record::CoreRecord::cache_bytes`].
     #[must_use]
     pub fn bytes_high_water(&self) -> usize {
-        let objects = self.active.objects.iter();
-        let bytes = objects.map(|of| of.front.cache.bytes_high_water());
-        bytes.sum::<usize>() + self.active.store.bytes_used()
+        self.most_bytes as usize
     }
 }

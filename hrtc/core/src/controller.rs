@@ -28,6 +28,8 @@ pub struct Controller {
     pub(crate) cache_bytes: usize,
     /// Bytes of the cache that may be in use now.
     pub(crate) cache_limit: usize,
+    /// The most bytes that cache and base meshes took in a tick.
+    pub(crate) most_bytes: u64,
     pub(crate) probes: Vec<Probe>,
     pub(crate) active: ActiveSet,
     pub(crate) movables: Movables,
@@ -62,6 +64,7 @@ impl Controller {
             tolerance_m: plan.accuracy.tolerance_m,
             cache_bytes: plan.cache_bytes,
             cache_limit: plan.cache_bytes,
+            most_bytes: 0,
             active: ActiveSet::new(plan, identity, movables.iter().count(), toured),
             movables,
             probes,
@@ -105,6 +108,17 @@ impl Controller {
     pub fn force_was_cut(&mut self) {
         for probe in &mut self.probes {
             probe.force_was_cut();
+        }
+    }
+
+    /// Keeps no points of the tours from now on, only their number: for a controller whose samples
+    /// are recorded ones. Its ticks are the same, but [`Controller::tour_of`] gives no points. Not
+    /// in a tick: it frees memory.
+    pub fn drop_tour_points(&mut self) {
+        for probe in &mut self.probes {
+            if let Some(tour) = &mut probe.tour {
+                tour.drop_points();
+            }
         }
     }
 

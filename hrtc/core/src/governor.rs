@@ -70,6 +70,7 @@ use crate::tuning::governor::{
     USUAL_TOOL_UNITS,
 };
 use crate::tuning::streaming::MIN_UNITS;
+use geometry::portable::exp;
 use serde::{Deserialize, Serialize};
 
 /// What a tick has spent by the costs, nanoseconds, in the order of [`CostGroup::ALL`].
@@ -99,6 +100,8 @@ pub struct TickTime {
     allowed: f64,
     /// What is kept for the contacts.
     contacts: f64,
+    /// What the queries have taken, without what every pair costs beside them.
+    queries: f64,
     /// What it has spent.
     pub spent: Spent,
 }
@@ -178,6 +181,7 @@ impl TickTime {
 
     /// Queries, nanoseconds.
     pub fn charge_queries(&mut self, ns: u32) {
+        self.queries += f64::from(ns);
         self.spent.charge(CostGroup::Query, f64::from(ns));
     }
 }
@@ -300,7 +304,7 @@ pub struct Governor {
     /// took in the last one, nanoseconds.
     device_times: [f64; 2],
     last_device_ns: f64,
-    /// What the contacts took of late, nanoseconds by the costs.
+    /// What the queries of the contacts took of late, nanoseconds by the costs.
     contact_ns: f64,
     /// Ticks of late in which a contact had less time than it needs.
     cut: f64,
@@ -381,7 +385,7 @@ impl Governor {
         self.last_device_ns = ns;
         // More than a period is no more to be planned for.
         let ns = ns.min(self.period_ns());
-        let left = (-self.period_s / DRIVERS_FADE_S).exp();
+        let left = exp(-self.period_s / DRIVERS_FADE_S);
         let [most, second] = self.device_times.map(|of| left * of);
         self.device_times = if ns > most {
             [ns, most]
@@ -408,7 +412,7 @@ impl Governor {
         self.ratios[2] = ratio;
         let [a, b, c] = self.ratios;
         let middle = a.max(b).min(a.min(b).max(c));
-        let faded = self.slowness * (-self.period_s / SLOWNESS_FADES_S).exp();
+        let faded = self.slowness * exp(-self.period_s / SLOWNESS_FADES_S);
         let [least, most] = SLOWNESS_RANGE;
         self.slowness = faded.max(middle).clamp(least, most);
         let is_late = ns + self.last_device_ns > LATE * self.period_ns();
@@ -437,7 +441,7 @@ impl Governor {
         self.time = self.time_with(&load.into());
         let affordable =
             (self.time.for_refinement() / self.time.operation_ns()).clamp(1.0, self.max_operations);
-        let back = 1.0 - (-self.period_s / OPERATIONS_RETURN_S).exp();
+        let back = 1.0 - exp(-self.period_s / OPERATIONS_RETURN_S);
         let more = self.operations + back * (affordable - self.operations);
         self.operations = more.min(affordable);
     }
@@ -504,8 +508,9 @@ impl Governor {
         if self.steps.count() == 0 && self.cut == 0.0 {
             self.cut_ns = 0.0;
         }
-        let taken = self.time.spent.by_group[CostGroup::Query as usize];
-        let faded = self.contact_ns * (-self.period_s / CONTACT_FADES_S).exp();
+        // What a pair costs beside its queries is taken off every tick anyway.
+        let taken = self.time.queries;
+        let faded = self.contact_ns * exp(-self.period_s / CONTACT_FADES_S);
         self.contact_ns = taken.max(faded);
     }
 }

@@ -80,6 +80,16 @@ impl ModelFrame {
         }
     }
 
+    /// A pose in stored coordinates in the object's axes, metres: the inverse of
+    /// [`Self::object_to_model`].
+    #[must_use]
+    pub fn model_to_object(&self, pose: Pose) -> Pose {
+        Pose {
+            position: (pose.position + self.origin) * self.metres_per_unit,
+            ..pose
+        }
+    }
+
     /// A point in stored coordinates in the world.
     #[must_use]
     pub fn to_world(&self, model: DVec3) -> DVec3 {
@@ -93,11 +103,10 @@ impl ModelFrame {
         self.pose.orientation * (model * self.metres_per_unit)
     }
 
-    /// The box in the world, metres, of a box in stored coordinates that is grown by a margin,
-    /// model units.
+    /// The box in the world, metres, of a box in stored coordinates.
     #[must_use]
-    pub fn box_to_world(&self, lower: DVec3, upper: DVec3, margin: f64) -> (DVec3, DVec3) {
-        let corners = [lower - margin, upper + margin];
+    pub fn box_to_world(&self, lower: DVec3, upper: DVec3) -> (DVec3, DVec3) {
+        let corners = [lower, upper];
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for k in 0..8 {
             let pick = |axis: usize| corners[k >> axis & 1][axis];

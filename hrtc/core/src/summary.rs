@@ -41,6 +41,7 @@ impl Controller {
                 }
             }
         }
+        self.most_bytes = self.most_bytes.max(record.cache_bytes);
         if !record.contact {
             record.finest_tolerance_m = finest;
         }

@@ -1,9 +1,20 @@
 //! Which objects become active, and in which places.
 //!
 //! An object becomes active when a probe comes near, long before a contact is possible: the reach
-//! grows with the speed. It stays active as long as no other object needs its place; then those go
-//! first that have been out of reach for longest. Where more objects are in reach than there are
-//! places, the nearest have them. One object becomes active a tick, so that a tick stays short.
+//! grows with the speed, holds the way of a tick however many periods were skipped, and is never
+//! less than the range of an effect. It stays active as long as no other object needs its place;
+//! then those go first that have been out of reach for longest. Where more objects are in reach
+//! than there are places, the nearest have them, by the boxes of their full meshes; but none takes
+//! the place of what the tip of a probe may touch: the rest of a tool keeps only what it touches.
+//! One object becomes active a tick, so that a tick stays short. One that has its place late is
+//! touched from where the probe was outside (`starts`), on a straight way from there: a hand that
+//! went round it before it had a place, nearer than its coarsest front reaches, is held on the side
+//! from which it came.
+//!
+//! Of more objects than there are places that a probe touches at once the last ones are not felt,
+//! and of an object without a place no effect acts.
+//! Boxes that overlap, such as of links of a chain, are all nearest to a probe within them: there
+//! an object keeps its place however near the others are.
 //!
 //! No force is given before every model is known that can be. So each is requested at the start,
 //! with an object that becomes active for it; where the places do not suffice, such an object goes
@@ -12,10 +23,13 @@
 use super::active_set::{ActiveSet, place};
 use super::broad_phase::{Ball, Near};
 use super::object::ActiveObject;
+use super::starts::Vicinity;
 use crate::budget::Budget;
+use crate::instance::in_axes_of;
 use crate::probe::Probe;
 use crate::streaming::Outbox;
 use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
+use geometry::Pose;
 
 impl ActiveSet {
     /// Finds the objects near a probe, and makes the one that needs it most active. Returns the
@@ -31,15 +45,7 @@ impl ActiveSet {
             return 0;
         }
         self.place_objects();
-        let reach_ticks = self.horizons.reach;
-        let balls = probes.iter().enumerate().filter_map(|(probe, p)| {
-            Some(Ball {
-                probe,
-                centre: p.pose?.position,
-                radius: REACH_RADII * p.reach_m + reach_ticks * p.speed,
-            })
-        });
-        self.broad_phase.find(balls, reach_ticks);
+        self.find_near(probes);
         self.note_needs(probes, tick);
         if self.objects.len() < self.instances.len() {
             self.activate_one(probes, tick, budget, outbox);
@@ -48,11 +54,43 @@ impl ActiveSet {
         self.count_unserved(probes)
     }
 
+    /// Finds the objects near the probes: those that one may reach soon, that it may have gone
+    /// through of late, or they over it, and those with an effect on it.
+    fn find_near(&mut self, probes: &[Probe]) {
+        // An object that it may have gone through needs some ticks to have its place.
+        for (path, probe) in self.paths.iter_mut().zip(probes) {
+            let ends = probe.last.zip(probe.pose);
+            let went = ends.map(|(last, now)| last.position.distance(now.position));
+            let went = went.filter(|went| went.is_finite());
+            *path = went.unwrap_or(0.0).max(self.horizons.speed_left * *path);
+        }
+        // Skipped periods are the same for all probes.
+        let elapsed = probes.first().map_or(1, |p| p.periods()[0]) as f64;
+        self.passed_ticks = elapsed.max(self.horizons.speed_left * self.passed_ticks);
+        let (reach_ticks, effects_m) = (self.horizons.reach, self.effects_m);
+        let paths = self.paths.into_iter().zip(probes).enumerate();
+        let balls = paths.filter_map(|(probe, (path, p))| {
+            let around = (REACH_RADII * p.reach_m).max(p.reach_m + effects_m);
+            Some(Ball {
+                probe,
+                centre: p.pose?.position,
+                radius: around + (reach_ticks * p.speed).max(path),
+            })
+        });
+        self.broad_phase
+            .find(balls, reach_ticks.max(self.passed_ticks));
+    }
+
     /// Tells the broad phase where objects are whose models have become known: at once where an
     /// object can be touched by now, and the others in turn. None waits for another's model: a hand
-    /// would enter it.
+    /// would enter it. What was looked at is looked at again when another model is known.
     fn place_objects(&mut self) {
-        if self.unplaced.is_empty() {
+        let known = self.store.known();
+        if self.looked_at.0 != known {
+            self.looked_at = (known, 0);
+        }
+        let left = self.unplaced.len() - self.looked_at.1;
+        if left == 0 {
             return;
         }
         for active in self.objects.iter().filter(|of| of.is_ready()) {
@@ -62,16 +100,38 @@ impl ActiveSet {
                 place(&mut self.broad_phase, instance, model);
             }
         }
-        for _ in 0..PLACED_A_TICK.min(self.unplaced.len()) {
+        for _ in 0..PLACED_A_TICK.min(left) {
             let Some(object) = self.unplaced.pop_back() else {
                 return;
             };
             let instance = &self.instances[object as usize];
             match self.store.model(instance.model) {
                 Some(model) => place(&mut self.broad_phase, instance, model),
-                None => self.unplaced.push_front(object),
+                None => {
+                    self.unplaced.push_front(object);
+                    self.looked_at.1 += 1;
+                }
             }
         }
+    }
+
+    /// Where the pair of a probe and an object that is near begins, if it begins in this tick;
+    /// object's axes, metres.
+    fn note_start(&mut self, near: Near, probes: &[Probe], tick: u64) -> Option<Pose> {
+        let (instance, probe) = (&self.instances[near.object], &probes[near.probe]);
+        let object = Some(near.object as u32);
+        let active = self.objects.iter().find(|of| of.object() == object);
+        // In the axes of the object then: motion since is the same to the sweep.
+        let before = instance.before.unwrap_or(instance.pose);
+        let beside = Vicinity {
+            last: probe.last.map(|last| in_axes_of(&before, last)),
+            now: probe.pose.map(|now| in_axes_of(&instance.pose, now)),
+            distance: near.distance,
+            zone: self.broad_phase.margin(near.object) + probe.reach_m,
+            is_held: active.is_some_and(|of| of.contacts.pairs[near.probe].contact.is_some()),
+        };
+        let start = &mut self.starts[near.object * probes.len() + near.probe];
+        start.note(&beside, tick, self.horizons.sleep)
     }
 
     /// Notes which active objects are needed in this tick, and begins and ends the pairs with their
@@ -82,8 +142,10 @@ impl ActiveSet {
         }
         for k in 0..self.broad_phase.near().len() {
             let near = self.broad_phase.near()[k];
+            // Also with a place: it may lose that.
+            let start = self.note_start(near, probes, tick);
             if let Some(object) = self.get_mut(near.object as u32) {
-                object.comes_near(near, &probes[near.probe], tick);
+                object.comes_near(near, start, tick);
             }
         }
         for active in &mut self.objects {
@@ -122,9 +184,17 @@ impl ActiveSet {
         };
         let active = &mut self.objects[k];
         if let Some(before) = active.object() {
+            for (probe, of) in probes.iter().enumerate() {
+                if let Some(beside) = active.outside((probe, of), budget) {
+                    let start = before as usize * probes.len() + probe;
+                    self.starts[start].go_on_from(beside);
+                }
+            }
             let epoch = active.session.close(outbox, tick);
             self.epochs[before as usize] = epoch.wrapping_add(1);
             active.vacate(tick);
+            // Another session may end at once in the same place.
+            self.noted = None;
         }
         if !active.is_vacant(budget) {
             return;
@@ -136,7 +206,8 @@ impl ActiveSet {
         active.assign(instance, epoch, stored, tick);
         for near in self.broad_phase.near() {
             if near.object == object as usize {
-                active.comes_near(*near, &probes[near.probe], tick);
+                let start = &self.starts[near.object * probes.len() + near.probe];
+                active.comes_near(*near, start.pose(), tick);
             }
         }
     }
@@ -211,10 +282,13 @@ impl ActiveSet {
         // too.
         let is_lost = |of: &ActiveObject| of.object().is_some_and(|o| self.is_lost_object(o));
         let lost = || self.objects.iter().position(is_lost);
+        // Closer than that, the steps of an encoder would move a place to and fro.
+        let pairs = self.objects.iter().flat_map(|of| &of.contacts.pairs);
+        let tip = pairs.map(|pair| pair.patch_m).fold(0.0, f64::max);
+        let least = NEARER * distance.max(0.5 * tip);
         let farthest = || {
-            let farther = self.objects.iter().enumerate().filter(|(_, of)| {
-                !of.is_pinned && of.distance > 0.0 && of.distance > NEARER * distance
-            });
+            let places = self.objects.iter().enumerate();
+            let farther = places.filter(|(_, of)| !of.is_pinned && of.distance > least);
             let farthest = farther.max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
             farthest.map(|(k, _)| k)
         };
@@ -259,7 +333,8 @@ impl ActiveSet {
         let within = self.broad_phase.near().iter().filter(|near| {
             let probe = &probes[near.probe];
             let motion = self.broad_phase.displacement(near.object);
-            near.distance <= probe.reach_m + self.horizons.touch * (probe.speed + motion)
+            let zone = self.broad_phase.margin(near.object) + probe.reach_m;
+            near.distance <= zone + self.horizons.touch * (probe.speed + motion)
         });
         let missing = within.filter(|near| {
             let object = Some(near.object as u32);
@@ -276,16 +351,18 @@ impl ActiveObject {
         self.instance.is_none() && !self.front.cache.is_clearing()
     }
 
-    /// A probe is in reach.
-    fn comes_near(&mut self, near: Near, probe: &Probe, tick: u64) {
+    /// A probe is in reach; `start`: where their pair begins if it does, object's axes, metres.
+    fn comes_near(&mut self, near: Near, start: Option<Pose>, tick: u64) {
         self.distance = self.distance.min(near.distance);
         if self.instance.is_none() {
             return;
         }
         let pair = &mut self.contacts.pairs[near.probe];
         pair.near_at = tick;
-        if !pair.is_near {
-            self.approached_by(near.probe, probe.last);
+        if pair.is_near {
+            pair.waits(start);
+        } else {
+            self.approached_by(near.probe, start);
         }
     }
 }
@@ -293,9 +370,12 @@ impl ActiveObject {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cache::base_mesh_store::Model;
     use crate::streaming::Fault;
     use crate::streaming::subscriber::Identity;
+    use glam::DVec3;
     use scene::{NoFiles, Overrides, parse};
+    use spm::ModelHeader;
     use std::path::Path;
 
     /// Of a scene of these models, one an object.
@@ -342,5 +422,77 @@ mod tests {
             refuse(&mut set, model);
         }
         assert_eq!(set.next_to_fetch(), None);
+    }
+
+    #[test]
+    fn an_object_without_a_box_is_looked_at_again_when_another_model_is_known() {
+        // More of a model than are looked at in a tick, and one of another.
+        let many = PLACED_A_TICK + 1;
+        let mut set = set_of(std::iter::repeat_n(0, many).chain([1]));
+        let two_ticks = |set: &mut ActiveSet| {
+            set.place_objects();
+            set.place_objects();
+        };
+        two_ticks(&mut set);
+        let order = set.unplaced.clone();
+        set.place_objects();
+        assert_eq!(set.unplaced, order, "each was looked at");
+        let mut header: ModelHeader = bytemuck::Zeroable::zeroed();
+        header.upper = [1.0; 3];
+        let model = Model {
+            header,
+            radius_max: 0.0,
+            area: 1.0,
+        };
+        set.store.insert(1, model);
+        two_ticks(&mut set);
+        assert_eq!(set.unplaced.len(), many, "it is placed");
+        assert!(set.unplaced.iter().all(|&object| object < many as u32));
+        set.store.insert(0, model);
+        two_ticks(&mut set);
+        assert!(set.unplaced.is_empty());
+    }
+
+    /// A floor of four tiles, whose coarse fronts reach far into each other.
+    #[test]
+    fn the_tile_across_a_corner_gives_its_place() {
+        const TILE: f64 = 0.1;
+        let mut set = set_of([0; 4].into_iter());
+        assert_eq!(set.objects.len(), 3, "places");
+        for (object, (x, y)) in [(0.0, 0.0), (-TILE, 0.0), (0.0, -TILE), (-TILE, -TILE)]
+            .into_iter()
+            .enumerate()
+        {
+            let lower = DVec3::new(x, y, 0.0);
+            let upper = lower + DVec3::splat(TILE);
+            set.broad_phase.place(object, lower, upper, 0.5 * TILE);
+        }
+        for (place, instance) in set.objects.iter_mut().zip(&set.instances) {
+            place.instance = Some(*instance);
+        }
+        let tip = set.objects[0].contacts.pairs[0].patch_m;
+        // In the last tile, so far from the others.
+        let mut place_for_it = |inside: f64| {
+            let ball = Ball {
+                probe: 0,
+                centre: DVec3::new(-inside, -inside, 0.5 * TILE),
+                radius: TILE,
+            };
+            let near = set.broad_phase.find([ball], 1.0).to_vec();
+            assert_eq!(near.len(), 4);
+            let mut distance = f64::INFINITY;
+            for near in near {
+                match set.get_mut(near.object as u32) {
+                    Some(active) => active.distance = near.distance,
+                    None => distance = near.distance,
+                }
+            }
+            assert_eq!(distance, 0.0);
+            set.place_for(distance, 0)
+        };
+        assert_eq!(place_for_it(0.2 * TILE), Some(0));
+        assert_eq!(place_for_it(0.8 * tip), Some(0));
+        // There the tip may touch all of them.
+        assert_eq!(place_for_it(0.6 * tip), None);
     }
 }

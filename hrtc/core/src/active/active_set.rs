@@ -5,6 +5,7 @@ use super::broad_phase::BroadPhase;
 use super::faults::ModelFaults;
 use super::object::ActiveObject;
 use super::shares::{part_of, weights_of};
+use super::starts::Start;
 use crate::bodies::{Extent, Movables};
 use crate::budget::Budget;
 use crate::cache::base_mesh_store::{BaseMeshStore, Model};
@@ -18,7 +19,7 @@ use crate::streaming::session::TickContext;
 use crate::streaming::subscriber::Identity;
 use glam::DVec3;
 use protocol::Request;
-use scene::{MAX_PROBES, ScenePlan};
+use scene::{Effect, MAX_PROBES, ScenePlan};
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -41,12 +42,24 @@ pub struct ActiveSet {
     /// they draw on its work.
     pub pairs: Vec<(usize, usize)>,
     pub(super) broad_phase: BroadPhase,
+    /// Where the pairs of each object begin, one for each probe.
+    pub(super) starts: Vec<Start>,
+    /// How far each probe went in a tick, metres, at the most of late; it fades.
+    pub(super) paths: [f64; MAX_PROBES],
+    /// Ticks within whose motion a movable object is looked for, at the least: as many as passed
+    /// since the tick before, at the most of late; it fades.
+    pub(super) passed_ticks: f64,
+    /// The farthest that an effect of a surface acts on what does not touch it, metres.
+    pub(super) effects_m: f64,
     pub(super) horizons: Horizons,
     /// Of the link to the station, which all sessions share.
     pub meter: LinkMeter,
     /// Objects whose box is not known yet, the next one last; at first in the order in which models
     /// are requested.
     pub(super) unplaced: VecDeque<u32>,
+    /// Models that were known when the look at these began, and how many of them were looked at
+    /// since: the first ones.
+    pub(super) looked_at: (usize, usize),
     /// An object of each model, in the order in which the models are requested: those of scripted
     /// paths first.
     pub(super) to_fetch: Vec<u32>,
@@ -54,6 +67,9 @@ pub struct ActiveSet {
     pub(super) next_fetch: usize,
     /// Faults that ended the use of each model.
     pub(super) faults: ModelFaults,
+    /// Models known, and the places whose session had ended, a bit each, when the faults were taken
+    /// over last; `None` where that is to be done again.
+    pub(super) noted: Option<(usize, u32)>,
     /// Incarnation of the last station that lived.
     station: u64,
     /// The epoch in which the next session of each object begins.
@@ -110,12 +126,18 @@ impl ActiveSet {
         Self {
             store: BaseMeshStore::new(models, stored),
             broad_phase: BroadPhase::new(instances.len(), moving),
+            starts: vec![Start::default(); instances.len() * plan.probes.len()],
+            paths: [0.0; MAX_PROBES],
+            passed_ticks: 1.0,
+            effects_m: reach_of_effects(plan),
             meter: LinkMeter::new(&horizons),
             horizons,
             unplaced,
+            looked_at: (0, 0),
             to_fetch,
             next_fetch: 0,
             faults: ModelFaults::new(models),
+            noted: None,
             station: 0,
             epochs: vec![0; instances.len()],
             order: Vec::with_capacity(count),
@@ -138,10 +160,12 @@ impl ActiveSet {
         if is_another {
             self.station = station;
             self.faults.ask_again(is_known);
+            self.noted = None;
             self.next_fetch = 0;
         }
         let after = self.horizons.refused;
         if station != 0 && self.faults.try_again(tick, after, is_known) {
+            self.noted = None;
             self.next_fetch = 0;
             for object in &mut self.objects {
                 object.try_place_again(tick);
@@ -180,8 +204,17 @@ impl ActiveSet {
         self.faults.of(model).is_some() && self.store.model(model).is_none()
     }
 
-    /// Takes the faults of the sessions over.
+    /// Takes the faults of the sessions over, where there is any news: a session has ended, or a
+    /// model has come, which may be one that was given up. It looks at every model.
     fn note_faults(&mut self, tick: u64) {
+        let places = self.objects.iter().enumerate();
+        let ended = places.filter(|(_, of)| of.session.is_ended());
+        let ended = ended.fold(0, |bits, (k, _)| bits | 1 << k);
+        let now = Some((self.store.known(), ended));
+        let is_news = std::mem::replace(&mut self.noted, now) != now;
+        if !is_news || (ended == 0 && self.faults.lost() == 0) {
+            return;
+        }
         let ended = self.objects.iter().filter(|of| of.session.is_ended());
         let faults = ended.filter_map(|of| Some((of.instance?.model, of.session.fault)));
         let is_known = |model| self.store.model(model).is_some();
@@ -199,7 +232,7 @@ impl ActiveSet {
         if movables.is_empty() {
             return;
         }
-        movables.set_extent(|object| {
+        movables.set_extent(self.store.known(), |object| {
             let instance = &self.instances[object as usize];
             let header = &self.store.model(instance.model)?.header;
             let frame = ModelFrame::new(instance.pose, instance.scale, header);
@@ -253,10 +286,7 @@ impl ActiveSet {
         for object in &mut self.objects {
             object.go_on_unloading(budget);
         }
-        // Also where a model has come that was given up.
-        if self.faults.lost() > 0 || self.objects.iter().any(|of| of.session.is_ended()) {
-            self.note_faults(tick);
-        }
+        self.note_faults(tick);
         consumed
     }
 
@@ -342,9 +372,21 @@ pub(super) fn place(broad_phase: &mut BroadPhase, instance: &ObjectInstance, mod
     let frame = ModelFrame::new(instance.pose, instance.scale, &model.header);
     let [lower, upper] = [model.header.lower, model.header.upper]
         .map(|corner| DVec3::from_array(corner) - frame.origin);
-    // The front of a coarse mesh may stick out by R.
-    let (lower, upper) = frame.box_to_world(lower, upper, model.radius_max);
-    broad_phase.place(instance.object as usize, lower, upper);
+    let (lower, upper) = frame.box_to_world(lower, upper);
+    // The front of a coarse mesh may stick out by R: each of its vertices is within R of a vertex
+    // of the full mesh, and the box is convex.
+    let margin = model.radius_max * frame.metres_per_unit;
+    broad_phase.place(instance.object as usize, lower, upper, margin);
+}
+
+/// The farthest that an effect of a surface of the scene acts on what does not touch it, metres.
+fn reach_of_effects(plan: &ScenePlan) -> f64 {
+    let effects = plan.objects.iter().flat_map(|of| of.effects.iter());
+    let reaches = effects.map(|of| match &of.effect {
+        Effect::Magnet(magnet) => magnet.reach_m,
+        _ => 0.0,
+    });
+    reaches.fold(0.0, f64::max)
 }
 
 /// The objects of a scene, and the number of different models.

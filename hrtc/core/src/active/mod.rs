@@ -6,3 +6,4 @@ pub mod broad_phase;
 mod faults;
 pub(crate) mod object;
 mod shares;
+mod starts;

@@ -4,10 +4,10 @@
 use crate::budget::{Budget, QueryBudget};
 use crate::cache::Cache;
 use crate::cache::base_mesh_store::Model;
-use crate::contact::query::Surface;
+use crate::contact::query::{Surface, Work};
 use crate::contact::rigid_proxy::ToolProxy;
 use crate::horizons::Horizons;
-use crate::instance::{ModelFrame, ObjectInstance, in_axes_of};
+use crate::instance::{ModelFrame, ObjectInstance};
 use crate::lod::front::Front;
 use crate::lod::lod_controller::LodController;
 use crate::policy::reactive::eagerness;
@@ -23,6 +23,9 @@ use crate::streaming::subscriber::Identity;
 use geometry::Pose;
 use scene::{EffectPlan, ScenePlan};
 use std::sync::Arc;
+
+/// Entries of upkeep that take as long as a node or face that a search visits.
+const ENTRIES_A_SEARCH: u32 = 10;
 
 /// An active object, or a place for one.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -175,14 +178,26 @@ impl ActiveObject {
         }
     }
 
-    /// A probe comes near; `start`: where it was in the tick before, world, metres.
+    /// A probe comes near; `start`: where it is known to have been outside of the object, object's
+    /// axes, metres.
     pub(crate) fn approached_by(&mut self, probe: usize, start: Option<Pose>) {
-        let start = start.zip(self.instance).map(|(start, instance)| {
-            // In the axes of the object then: motion since is the same to the sweep.
-            in_axes_of(&instance.before.unwrap_or(instance.pose), start)
-        });
         self.contacts.pairs[probe].begin(start);
         self.front.begin_approach(probe);
+    }
+
+    /// A place beside the proxy of a probe that is outside of every front, object's axes, metres,
+    /// where one is known; see [`crate::probe::pair::ProbeObjectPair::outside`].
+    pub(super) fn outside(&self, (k, probe): (usize, &Probe), budget: &mut Budget) -> Option<Pose> {
+        let (frame, of) = (self.frame?, self.front.model()?);
+        let around = probe.reach_m / frame.metres_per_unit;
+        // Each front is within R of the full mesh, and that of each front.
+        let bulge = 2.0 * of.model.radius_max;
+        let mut work = Work::default();
+        let pair = &self.contacts.pairs[k];
+        let place = pair.outside(self.front.surface(), [around, bulge], &mut work);
+        let entries = ENTRIES_A_SEARCH * (work.nodes + work.faces);
+        budget.upkeep = budget.upkeep.saturating_sub(entries);
+        place.map(|place| frame.model_to_object(place))
     }
 
     /// Distance of the surface from the nearest probe, metres; infinite without one.

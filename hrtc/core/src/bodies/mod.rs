@@ -95,6 +95,9 @@ pub struct Movables {
     validity: u64,
     /// Objects whose box is not known yet.
     unknown: VecDeque<u32>,
+    /// Models that were known when the look at these began, and how many of them were looked at
+    /// since: the last ones.
+    looked_at: (usize, usize),
 }
 
 impl Movables {
@@ -130,6 +133,7 @@ impl Movables {
             last_tick: None,
             validity: Horizons::new(plan.loop_.rate_hz).validity,
             unknown: objects.iter().copied().collect(),
+            looked_at: (0, 0),
             bodies,
             objects,
             of_object,
@@ -167,15 +171,21 @@ impl Movables {
         self.steps
     }
 
-    /// Requests the boxes of up to 64 objects that have none yet. `extent` returns `None` while a
-    /// box is unknown. A body can be pushed once its box is known.
-    pub fn set_extent(&mut self, extent: impl Fn(u32) -> Option<Extent>) {
-        for _ in 0..MAX_EXTENTS_PER_TICK.min(self.unknown.len()) {
+    /// Requests the boxes of up to 64 objects that have none yet; each once for every number of
+    /// models that are `known`. `extent` returns `None` while a box is unknown. A body can be
+    /// pushed once its box is known.
+    pub fn set_extent(&mut self, known: usize, extent: impl Fn(u32) -> Option<Extent>) {
+        if self.looked_at.0 != known {
+            self.looked_at = (known, 0);
+        }
+        let left = self.unknown.len() - self.looked_at.1;
+        for _ in 0..MAX_EXTENTS_PER_TICK.min(left) {
             let Some(object) = self.unknown.pop_front() else {
                 return;
             };
             let Some(extent) = extent(object) else {
                 self.unknown.push_back(object);
+                self.looked_at.1 += 1;
                 continue;
             };
             let k = self.of_object[object as usize] as usize;
@@ -323,6 +333,7 @@ fn reaction(wrench: &Wrench) -> Wrench {
 mod tests {
     use super::*;
     use scene::{MAX_MOVABLES, NoFiles, Overrides, parse};
+    use std::cell::Cell;
     use std::path::Path;
 
     const ROD: Extent = Extent {
@@ -332,9 +343,8 @@ mod tests {
     const MASS_KG: f64 = 0.5;
     const FORCE_N: f64 = 20.0;
 
-    /// As many free rods as may move, which nothing slows down; the first ones are pushed, so that
-    /// they fly off and tumble, and have taken a step.
-    fn tumbling(pushed: u32) -> Movables {
+    /// As many free rods as may move, which nothing slows down; their boxes are not known.
+    fn rods() -> Movables {
         let text = format!(
             r#"
 [[object]]
@@ -348,9 +358,14 @@ movable = {{ free = {{ mass_kg = {MASS_KG}, damping_ns_per_m = 0.0, damping_nms_
         let (folder, overrides) = (Path::new(""), Overrides::default());
         let plan = parse(&text, "rods", folder, &overrides, &NoFiles).unwrap();
         assert_eq!(plan.objects.len(), MAX_MOVABLES);
-        let mut movables = Movables::new(&plan);
+        Movables::new(&plan)
+    }
+
+    /// The same; the first ones are pushed, so that they fly off and tumble, and have taken a step.
+    fn tumbling(pushed: u32) -> Movables {
+        let mut movables = rods();
         while !movables.unknown.is_empty() {
-            movables.set_extent(|_| Some(ROD));
+            movables.set_extent(1, |_| Some(ROD));
         }
         for object in 0..pushed {
             push(&mut movables, object);
@@ -373,6 +388,28 @@ movable = {{ free = {{ mass_kg = {MASS_KG}, damping_ns_per_m = 0.0, damping_nms_
 
     fn joules(movables: &Movables) -> f64 {
         movables.iter().map(|(_, body)| body.kinetic_j()).sum()
+    }
+
+    #[test]
+    fn an_unknown_box_is_requested_again_when_another_model_is_known() {
+        let mut movables = rods();
+        let requested = Cell::new(0);
+        let request = |_| {
+            requested.set(requested.get() + 1);
+            None
+        };
+        for (known, due) in [(0, MAX_MOVABLES), (0, MAX_MOVABLES), (1, 2 * MAX_MOVABLES)] {
+            for _ in 0..MAX_MOVABLES.div_ceil(MAX_EXTENTS_PER_TICK) + 1 {
+                movables.set_extent(known, request);
+            }
+            assert_eq!(requested.get(), due, "{known} known");
+        }
+        // One that comes in the middle of a look begins it anew.
+        movables.set_extent(2, request);
+        for _ in 0..MAX_MOVABLES.div_ceil(MAX_EXTENTS_PER_TICK) {
+            movables.set_extent(3, |_| Some(ROD));
+        }
+        assert!(movables.unknown.is_empty());
     }
 
     #[test]

@@ -16,6 +16,8 @@ impl Cache {
                 self.quartered = header.quartered;
                 self.scale = ErrorScale::for_diagonal(header.diagonal);
                 self.slots = slots;
+                self.most_slots = self.most_slots.max(slots);
+                self.most_faces = self.most_faces.max(header.base_faces + 2 * slots);
                 self.tree.preconstruct(header.faces);
                 Ok(())
             }

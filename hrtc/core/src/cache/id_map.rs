@@ -1,7 +1,7 @@
 //! A map from ids to slots of fixed capacity: open addressing, no tombstones, no growth.
 //!
-//! BaseMeshStore maps rehash now and then, which is a late tick; this one never moves more than the
-//! run behind a removed entry.
+//! The maps of the standard library rehash now and then, which is a late tick; this one never moves
+//! more than the run behind a removed entry.
 
 use spm::NONE;
 

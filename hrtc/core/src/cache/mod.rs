@@ -148,6 +148,9 @@ pub struct Cache {
     loaded_high_water: u32,
     faces_high_water: u32,
     slots: u32,
+    /// Slots, and faces of the front, that a model had at the most: marks stay when it goes.
+    most_slots: u32,
+    most_faces: u32,
     /// Slots that were ever in use for this model, from the first on; `free` holds those of them
     /// that came back.
     slots_used: u32,
@@ -233,6 +236,8 @@ impl Cache {
             loaded_high_water: 0,
             faces_high_water: 0,
             slots: 0,
+            most_slots: 0,
+            most_faces: 0,
             slots_used: 0,
             in_transit: 0,
             evicted: 0,
@@ -279,35 +284,18 @@ impl Cache {
     /// Bytes in use by the base mesh, loaded records, closures and regions.
     #[must_use]
     pub fn bytes_used(&self) -> usize {
-        self.bytes_with(self.loaded, self.lists.used(), self.regions.known())
+        self.in_use().min(self.bytes)
     }
 
-    /// The most bytes ever in use.
-    #[must_use]
-    pub fn bytes_high_water(&self) -> usize {
-        self.bytes_with(
-            self.loaded_high_water,
-            self.lists.high_water(),
-            self.regions.high_water(),
-        )
-    }
-
-    /// The most that was ever in use of each part.
+    /// The most that was ever in use of each part, and how many of it a model had at the most.
     #[must_use]
     pub fn high_water(&self) -> CacheHighWater {
         CacheHighWater {
-            splits: (self.loaded_high_water as usize, self.slots as usize),
+            splits: (self.loaded_high_water as usize, self.most_slots as usize),
             blocks: (self.lists.high_water() as usize, self.lists.capacity()),
             regions: (self.regions.high_water(), self.regions.capacity()),
-            faces: (
-                self.faces_high_water as usize,
-                self.sizes.base_faces as usize + 2 * self.slots as usize,
-            ),
+            faces: (self.faces_high_water as usize, self.most_faces as usize),
         }
-    }
-
-    fn bytes_with(&self, loaded: u32, blocks: u32, regions: usize) -> usize {
-        self.counted(loaded, blocks, regions).min(self.bytes)
     }
 
     // --- the base mesh -------------------------------------------------------------------------

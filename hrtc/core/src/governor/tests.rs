@@ -312,3 +312,17 @@ fn of_late_ticks_in_a_row_the_first_counts() {
         assert!((1.0..1.001).contains(&share), "{times:?}: {share}");
     }
 }
+
+#[test]
+fn what_a_pair_costs_beside_its_queries_is_kept_once() {
+    let mut governor = Governor::new(1e-3, 96);
+    governor.begin_tick([0, 1]);
+    for ns in [120_000, 80_000] {
+        governor.time.charge_queries(ns);
+    }
+    let taken = governor.spent().by_group[CostGroup::Query as usize];
+    assert_eq!(taken, 200_000.0 + governor.costs.contact);
+    governor.end_queries(0, false, true);
+    governor.begin_tick([0, 1]);
+    assert_eq!(governor.time.contacts, 200_000.0);
+}

@@ -170,7 +170,7 @@ impl Front {
             wanted: Vec::with_capacity(MAX_WANTED),
             queue: Vec::with_capacity(MAX_WANTED),
             behind: None,
-            predictions: Predictions::new(probes),
+            predictions: Predictions::new(probes, horizons.prediction.looks),
             faces: OperationFaces::new(),
             faces_of_sibling: OperationFaces::new(),
             reached: Vec::with_capacity(probes * MAX_BALLS),

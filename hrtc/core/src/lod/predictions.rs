@@ -93,17 +93,29 @@ pub struct Predictions {
     #[serde(with = "spm::reserved")]
     unknown: Vec<Unknown>,
     unknown_high_water: usize,
+    /// The place of them that the next one takes where no other is free. The last ones were noted
+    /// just now: after one that was free it begins at the first.
+    next_place: usize,
+    /// Ticks of a round of the finest ring, and of all rings.
+    rounds: [u64; 2],
 }
 
 impl Predictions {
-    /// None, with room for those of so many probes.
+    /// None, with room for those of so many probes; `looks`: of each probe in a tick.
     #[must_use]
-    pub fn new(probes: usize) -> Self {
+    pub fn new(probes: usize, looks: usize) -> Self {
         Self {
             arrivals: Vec::with_capacity(MAX_WANTED),
             unknown: Vec::with_capacity(MAX_UNKNOWN * probes),
             unknown_high_water: 0,
+            next_place: 0,
+            rounds: [TURNS as u64, ALL_TURNS].map(|turns| turns.div_ceil(looks as u64)),
         }
+    }
+
+    /// Ticks of a round of the finest ring.
+    pub(super) fn round(&self) -> u64 {
+        self.rounds[0]
     }
 
     /// Forgets all of them.
@@ -115,7 +127,7 @@ impl Predictions {
     /// Keeps the regions to be requested of the latest so many ticks, up to a round, and no others:
     /// where questions are rare, the next ones are to see more than the turns of one tick.
     pub(super) fn keep_latest(&mut self, tick: u64, ticks: u64) {
-        let kept = ticks.min(ALL_TURNS);
+        let kept = ticks.min(self.rounds[1]);
         self.unknown.retain(|of| tick < of.predicted + kept);
     }
 
@@ -130,7 +142,7 @@ impl Predictions {
     pub fn region_arrived(&mut self, index: usize, tick: u64, cache: &Cache) {
         let needed = cache.regions.at(index).needed;
         // 0 is never: it was only loaded ahead.
-        if needed > 0 && tick <= needed + TURNS as u64 && self.arrivals.len() < MAX_WANTED {
+        if needed > 0 && tick <= needed + self.round() && self.arrivals.len() < MAX_WANTED {
             self.arrivals.push(index);
         }
     }
@@ -141,16 +153,13 @@ impl Predictions {
             // For each probe a look goes to one ball of each of two rings, or to three under a wide
             // one, and in a tick four go to those of a tool.
             // A region that comes twice is requested once; one that finds no room comes again.
-            if self.unknown.len() < self.unknown.capacity() {
-                self.unknown.push(Unknown {
-                    key: p.key,
-                    due: tick as f64 + p.ticks,
-                    leaves: tick as f64 + p.leaves,
-                    is_needed: p.refine,
-                    predicted: tick,
-                });
-                self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
-            }
+            self.keep(Unknown {
+                key: p.key,
+                due: tick as f64 + p.ticks,
+                leaves: tick as f64 + p.leaves,
+                is_needed: p.refine,
+                predicted: tick,
+            });
             return;
         };
         cache.regions.mark_used(index, tick);
@@ -163,6 +172,21 @@ impl Predictions {
                 self.arrivals.push(index);
             }
         }
+    }
+
+    /// Keeps a region to be requested. Where there is no room it takes the place of another one,
+    /// each in its turn: where a hand goes now counts more than where it was going.
+    fn keep(&mut self, unknown: Unknown) {
+        if self.unknown.len() < self.unknown.capacity() {
+            self.unknown.push(unknown);
+            self.next_place = 0;
+            self.unknown_high_water = self.unknown_high_water.max(self.unknown.len());
+            return;
+        }
+        if let Some(place) = self.unknown.get_mut(self.next_place) {
+            *place = unknown;
+        }
+        self.next_place = (self.next_place + 1) % self.unknown.len().max(1);
     }
 
     /// Regions to request, the most urgent first; none where none `may_be` requested.
@@ -185,9 +209,8 @@ mod tests {
     #[test]
     fn where_questions_are_rare_those_of_a_round_are_kept_and_what_is_needed_comes_first() {
         let mut cache = Cache::new(1 << 20);
-        let mut predictions = Predictions::new(1);
-        let mut after = |between: u64| {
-            predictions.clear();
+        let mut after = |between: u64, looks: usize| {
+            let mut predictions = Predictions::new(1, looks);
             for tick in 0..2 * ALL_TURNS {
                 predictions.keep_latest(tick, between);
                 let predicted = Predicted {
@@ -202,10 +225,14 @@ mod tests {
         };
         // A local link is asked in every tick.
         for between in [0, 1] {
-            assert_eq!(after(between).len(), 1);
+            assert_eq!(after(between, 1).len(), 1);
         }
-        assert_eq!(after(7).len(), 7);
-        let all = after(1000);
+        assert_eq!(after(7, 1).len(), 7);
+        // With more looks in a tick a round takes fewer ticks.
+        for (looks, ticks) in [(4, 8), (10, 3), (100, 1)] {
+            assert_eq!(after(1000, looks).len(), ticks, "{looks}");
+        }
+        let all = after(1000, 1);
         assert_eq!(all.len() as u64, ALL_TURNS);
         assert!(all.is_sorted_by(|a, b| (!a.is_needed, a.due) < (!b.is_needed, b.due)));
         assert!(all.iter().all(|of| of.leaves == of.due + 4.0));
@@ -221,7 +248,7 @@ mod tests {
             predicted: 0,
         };
         for count in [0, 1, 31, 32, 33, 96, 97, 1000] {
-            let mut predictions = Predictions::new(2);
+            let mut predictions = Predictions::new(2, 1);
             predictions.unknown.extend((0..count).map(unknown));
             let before = predictions.unknown.clone();
             assert_eq!(predictions.unknown(false).next(), None);
@@ -239,5 +266,61 @@ mod tests {
             assert_eq!(all.by_ref().collect::<Vec<_>>(), sorted);
             assert_eq!(all.next(), None, "of {count}");
         }
+    }
+
+    /// A hand so fast that the list is full before the next question.
+    #[test]
+    fn where_there_is_no_room_the_latest_predictions_take_that_of_others() {
+        let mut cache = Cache::new(1 << 20);
+        let mut predictions = Predictions::new(1, 1);
+        let a_tick = MAX_UNKNOWN as u32 / 4;
+        for tick in 0..ALL_TURNS {
+            predictions.keep_latest(tick, 1000);
+            for k in 0..a_tick {
+                let predicted = Predicted {
+                    key: RegionKey::prefix(tick as u32 * a_tick + k),
+                    ticks: 5.0,
+                    leaves: 9.0,
+                    refine: false,
+                };
+                predictions.note(predicted, tick, &mut cache);
+            }
+        }
+        assert_eq!(predictions.high_water(), (MAX_UNKNOWN, MAX_UNKNOWN));
+        let kept: Vec<_> = predictions.unknown(true).collect();
+        let latest = kept.iter().filter(|of| of.predicted == ALL_TURNS - 1);
+        assert_eq!(latest.count(), a_tick as usize);
+        // None of them was put in the place of another one of its tick, nor is one twice.
+        let before = kept.iter().filter(|of| of.predicted + 4 >= ALL_TURNS);
+        assert_eq!(before.count(), 4 * a_tick as usize);
+    }
+
+    /// The list was full before, up to its last places, and is full again in the midst of a tick.
+    #[test]
+    fn what_a_tick_notes_first_is_not_the_first_to_go() {
+        let mut cache = Cache::new(1 << 20);
+        let mut predictions = Predictions::new(1, 1);
+        let mut next = 0;
+        let mut note = |predictions: &mut Predictions, tick: u64, count: usize| {
+            predictions.keep_latest(tick, 1000);
+            for _ in 0..count {
+                let predicted = Predicted {
+                    key: RegionKey::prefix(next),
+                    ticks: 5.0,
+                    leaves: 9.0,
+                    refine: false,
+                };
+                next += 1;
+                predictions.note(predicted, tick, &mut cache);
+            }
+        };
+        note(&mut predictions, 0, 2 * MAX_UNKNOWN - 12);
+        let first = 2 * ALL_TURNS;
+        note(&mut predictions, first, MAX_UNKNOWN - 10);
+        note(&mut predictions, first + 1, 40);
+        let kept: Vec<_> = predictions.unknown(true).collect();
+        assert_eq!(kept.len(), MAX_UNKNOWN, "those of the first tick are gone");
+        let latest = kept.iter().filter(|of| of.predicted == first + 1);
+        assert_eq!(latest.count(), 40);
     }
 }

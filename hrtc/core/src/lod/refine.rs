@@ -3,7 +3,6 @@
 
 use super::front::{Front, LookBehind};
 use super::geomorph::{CollapseOutcome, Folds, Transition};
-use super::predict::TURNS;
 use crate::budget::Budget;
 use crate::cache::{AfterUnload, NextBehind, Region};
 use crate::probe::contacts::Contacts;
@@ -301,7 +300,7 @@ impl Front {
     /// every region to be done in time.
     fn splits_due(&mut self, tick: u64) -> u32 {
         let finest = self.finest_tolerance();
-        let times = [tick, self.round()];
+        let times = [tick, self.predictions.round()];
         let Self { wanted, queue, .. } = self;
         queue.clear();
         for &index in wanted.iter() {
@@ -331,7 +330,7 @@ impl Front {
         while k < self.wanted.len() {
             let index = self.wanted[k];
             let region = self.cache.regions.at(index);
-            let times = [self.round(), self.horizons.hysteresis];
+            let times = [self.predictions.round(), self.horizons.hysteresis];
             let stays = region.needed + hysteresis(region, finest, cell_ticks, times);
             let goes = tick > stays || self.is_too_fine(region);
             let wanted = region.wanted && !goes;
@@ -361,11 +360,6 @@ impl Front {
         self.predictions.arrivals.clear();
         let wanted = self.wanted.len();
         self.wanted_high_water = self.wanted_high_water.max(wanted);
-    }
-
-    /// Ticks of a round of the predictor.
-    fn round(&self) -> u64 {
-        TURNS.div_ceil(self.horizons.prediction.looks) as u64
     }
 
     /// Takes a resident region into the wanted set or out of it, as far as the entries allow.

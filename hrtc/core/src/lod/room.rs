@@ -4,7 +4,7 @@ use super::front::Front;
 use super::geomorph::CollapseOutcome;
 use super::memory_pressure::MemoryPressure;
 use crate::budget::Budget;
-use crate::cache::{AfterUnload, Region, RegionState};
+use crate::cache::{AfterUnload, Region};
 use crate::probe::contacts::Contacts;
 use crate::tuning::lod::{ENTRIES_PER_EVICTION, RELEASE_WINDOW, RELEASES_PER_TICK};
 use spm::RegionId;
@@ -127,14 +127,14 @@ impl Front {
             };
             next = self.cache.regions.next_older(index);
             let region = self.cache.regions.at(index);
-            if region.state() == RegionState::Refused {
-                // It has no closure: it moves out of the window.
+            if !region.is_resident() {
+                // It has nothing to release: it moves out of the window, so that those of a far
+                // station, which are many, do not fill that while their answers are awaited.
                 let used_at = region.used_at;
                 self.cache.regions.mark_used(index, used_at);
                 continue;
             }
-            let at_rest = !region.wanted && region.changing == 0;
-            if !region.is_resident() || !at_rest {
+            if region.wanted || region.changing > 0 {
                 continue;
             }
             if self.is_too_fine(region) || region.used_at + hysteresis < tick {
@@ -152,5 +152,60 @@ impl Front {
         };
         self.unload(index, tick, budget);
         true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cache::RegionKey;
+    use crate::observer::NoObserver;
+    use scene::{NoFiles, Overrides, parse};
+
+    /// A far station is asked for many regions, which the hand does not go to any more.
+    #[test]
+    fn regions_whose_answers_are_awaited_do_not_keep_others_from_being_released() {
+        let text = "[[object]]\nmodel = \"ball.spm\"\nsize_m = 0.1\n[[probe]]\n";
+        let plan = parse(text, "test", "".as_ref(), &Overrides::default(), &NoFiles)
+            .expect("the scene is good");
+        let mut front = Front::new(&plan, 4 << 20);
+        let awaited = RELEASE_WINDOW as u32 + 36;
+        for k in 0..awaited + 10 {
+            let region = front.cache.regions.request(RegionKey::prefix(k));
+            let region = region.expect("there is room");
+            if k >= awaited {
+                front.cache.begin_answer(region).expect("it is requested");
+                front
+                    .cache
+                    .end_answer(region)
+                    .expect("its closure is empty");
+            }
+        }
+        let mut observer = NoObserver;
+        let mut budget = Budget {
+            observer: &mut observer,
+            ingest: 0,
+            unspent_ingest: 0,
+            operations: 1,
+            faces: 0,
+            max_fan: 0,
+            entries: 0,
+            prepaid: 0,
+            upkeep: 1000,
+            forgotten: 0,
+        };
+        let tick = 1 + front.horizons.hysteresis;
+        let released = [(); 2].map(|()| front.release_one(None, tick, &mut budget));
+        assert_eq!(released, [false, true]);
+        let mut told = Vec::new();
+        front.cache.regions.drain_releases(|key| told.push(key));
+        assert_eq!(
+            told,
+            [RegionKey::prefix(awaited)],
+            "the oldest that is here"
+        );
+        // All that is awaited is still known.
+        let is_known = |k| front.cache.regions.index(RegionKey::prefix(k)).is_some();
+        assert!((0..awaited).all(is_known));
     }
 }

@@ -8,6 +8,7 @@ use crate::cache::base_mesh_store::{Model, first_face_slot, model_slots};
 use crate::instance::ModelFrame;
 use crate::lod::lod_controller::triangle_area;
 use crate::tuning::streaming::{MIN_UNITS, UNITS_PER_ITEM};
+use glam::{DVec3, Vec3};
 use protocol::{CHUNK_SLOTS, ChunkSlot, MODEL_HEADER_SLOTS, quartered_faces};
 use spm::{BaseFace, BaseVertex, ModelHeader};
 
@@ -186,7 +187,7 @@ impl Session {
                 let BaseMeasures { radius_max, area } = self.progress.measures;
                 let model = Model {
                     header,
-                    radius_max: f64::from(radius_max),
+                    radius_max,
                     area,
                 };
                 context.store.insert(instance.model, model);
@@ -222,8 +223,21 @@ fn begin_model(
 /// What is measured of a base mesh while it arrives; model units.
 #[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct BaseMeasures {
-    radius_max: f32,
+    /// The largest R, as far as the model's box says nothing less.
+    radius_max: f64,
     area: f64,
+}
+
+/// Distance of a point in stored coordinates from the farthest corner of the model's box, model
+/// units: no vertex of the full mesh is farther.
+fn farthest_corner(header: &ModelHeader, position: [f32; 3]) -> f64 {
+    let origin = DVec3::from_array(header.origin);
+    let point = Vec3::from_array(position).as_dvec3();
+    let [lower, upper] = [header.lower, header.upper].map(|corner| {
+        let corner = DVec3::from_array(corner) - origin;
+        (corner - point).abs()
+    });
+    lower.max(upper).length()
 }
 
 /// Work units of a slot at the most: that of two base faces.
@@ -244,10 +258,15 @@ fn take_base_slot(
         let count = 4.min(header.base_vertices - first);
         *units -= UNITS_PER_ITEM;
         (0..count).all(|k| {
-            let is_set = cache.set_base_vertex(first + k, &items[k as usize]);
-            let radius = cache.mesh().radius(first + k);
+            let vertex = &items[k as usize];
+            if !cache.set_base_vertex(first + k, vertex) {
+                return false;
+            }
+            // A vertex of which nothing is certified has an infinite R.
+            let radius = f64::from(cache.mesh().radius(first + k));
+            let radius = radius.min(farthest_corner(header, vertex.position));
             measures.radius_max = measures.radius_max.max(radius);
-            is_set
+            true
         })
     } else {
         let first = 2 * (place - faces_from);

@@ -173,16 +173,9 @@ impl Subscriber {
         station != 0 && station != self.station
     }
 
-    /// Takes what the heartbeat says; a new incarnation ends the epoch.
-    ///
-    /// Returns whether the epoch ended.
-    pub fn observe(
-        &mut self,
-        station: u64,
-        tick: u64,
-        meter: &LinkMeter,
-        cache: &mut Cache,
-    ) -> bool {
+    /// Takes what the heartbeat says; a new incarnation ends the epoch, and so does a silence in
+    /// which an answer should have come.
+    pub fn observe(&mut self, station: u64, tick: u64, meter: &LinkMeter, cache: &mut Cache) {
         let is_back = station != 0 && !self.is_heard;
         self.is_heard = station != 0;
         let waiting = !self.questions.all().is_empty()
@@ -203,9 +196,7 @@ impl Subscriber {
             let silences = if was_away { 0 } else { self.silences + 1 };
             self.silences = silences.min(MAX_SILENCES);
             self.end_epoch(tick, cache);
-            return true;
         }
-        false
     }
 
     /// Ends the epoch: forgets what is under way, and declares and asks anew.

@@ -117,6 +117,6 @@ fn loads_evictions_and_reloads_leave_the_mesh_of_a_fresh_load() {
         let mut fresh = start(&model, 0.0, bytes);
         rest(&mut fresh, place, MAX_TICKS);
         same_front(&moved, &fresh, &format!("{bytes} bytes at {}", place.goal));
-        assert!(moved.controller().cache().bytes_high_water() <= bytes);
+        assert!(moved.controller().bytes_high_water() <= bytes);
     }
 }

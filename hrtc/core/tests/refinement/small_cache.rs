@@ -75,7 +75,7 @@ fn every_size_keeps_its_limit_and_the_contact_comes_first() {
             s.last.resubscribed,
             world.controller().resent(),
             s.last.vsps_received,
-            world.controller().cache().bytes_high_water(),
+            world.controller().bytes_high_water(),
         );
         assert!(world.controller().fault().is_none());
         ensure_within_capacity(world.controller().cache());

@@ -362,6 +362,60 @@ fn a_magnet_pulls_from_its_reach_on_and_not_beyond() {
     }
 }
 
+/// A plate with a magnet of a long reach, alone or with others a metre away each; the probe is far
+/// above.
+fn magnets(plates: usize) -> (World, f64) {
+    let places: Vec<_> = (0..plates)
+        .map(|k| ("plate", SIZE, DVec3::X * k as f64))
+        .collect();
+    let mut plan = scene_plan(&places, 1, 16 << 20);
+    add_effects(&mut plan, "{ magnet = { force_n = 1.0, reach_m = 0.1 } }");
+    let mut world = scene_world(&plan, &[("plate", &PLATE)], 0.0);
+    for _ in 0..1000 {
+        step(&mut world, DVec3::Z * 0.3);
+    }
+    (world, top() + RADIUS)
+}
+
+#[test]
+fn a_magnet_pulls_as_far_beside_other_objects_as_alone() {
+    let forces = [1, 2].map(|plates| {
+        let (mut world, top) = magnets(plates);
+        let mut force = DVec3::ZERO;
+        for _ in 0..300 {
+            force = step(&mut world, DVec3::Z * (top + 0.07)).force;
+        }
+        force
+    });
+    for force in forces {
+        assert!(force.distance(DVec3::NEG_Z * 0.84) < 1e-6, "{forces:?}");
+    }
+}
+
+/// A hand comes fast and leaves slowly.
+#[test]
+fn a_closed_path_in_the_reach_of_a_magnet_beside_another_object_puts_out_no_work() {
+    let (mut world, top) = magnets(2);
+    let mut height = 0.15;
+    let mut last = step(&mut world, DVec3::Z * (top + height)).force.z;
+    let (mut work, mut taken) = (0.0, 0.0);
+    // Metres a tick.
+    for (speed, to) in [(3e-4, 0.03), (-2e-5, 0.15)] {
+        let ticks = ((height - to) / speed).round() as u32;
+        for _ in 0..ticks {
+            height -= speed;
+            let force = step(&mut world, DVec3::Z * (top + height)).force.z;
+            // A force between two ticks is their mean.
+            work -= 0.5 * (last + force) * speed;
+            last = force;
+        }
+        taken = f64::max(taken, work);
+    }
+    println!("{taken} J in, {work} J left");
+    assert!(taken > 0.03, "{taken}");
+    assert!(work.abs() < 1e-3 * taken, "{work} of {taken}");
+}
+
 #[test]
 fn a_weight_hangs_in_its_centre_of_mass_and_a_boundary_pushes_back() {
     let mut world = plate(

@@ -17,6 +17,7 @@ mod importance;
 mod moving_bodies;
 mod moving_objects;
 mod nothing_falls_through;
+mod places;
 mod policies;
 mod rates;
 mod replay;
