@@ -7,8 +7,10 @@ use std::time::Duration;
 /// Chunks between link and tick: the largest credit window of the protocol, so that the link finds
 /// room for everything that the station may send.
 pub const INBOX_CAPACITY: usize = MAX_CREDIT_CHUNKS as usize;
-/// Tick records between tick and main thread: about a second at 1 kHz, a hundred times
-/// [`DRAIN_PERIOD`]. Locked memory commits them all.
+/// Tick records between tick and main thread: at 1 kHz those of about a second, a hundred times
+/// [`DRAIN_PERIOD`], at 4 kHz those of a quarter. The main thread of a recorded run has the
+/// recorder's precedence ([`RECORDER_NICE`]), since what finds no room here the recording lacks.
+/// Locked memory commits them all.
 pub const LOG_CAPACITY: usize = 1024;
 /// Requests, and contact reports, between tick and link: many times the few of one tick; the link
 /// empties them every [`LINK_POLL_PERIOD`].
@@ -22,7 +24,7 @@ pub const TICK_STACK_BYTES: usize = if cfg!(debug_assertions) {
     384 << 10
 };
 /// Stack of the link's thread, bytes: iceoryx2 puts samples of tens of KiB on it, and a debug build
-/// keeps many copies of them. Locked memory commits it whole.
+/// keeps many copies of them.
 pub const LINK_STACK_BYTES: usize = if cfg!(debug_assertions) {
     2 << 20
 } else {
@@ -62,7 +64,7 @@ pub const FAST_DRIVERS_NS: u64 = 10_000;
 pub const SLOW_DRIVERS_S: f64 = 0.1;
 /// Steps of that ramp at the least, where a period is as long as it: one to zero would be none.
 pub const MIN_PANIC_STEPS: u32 = 2;
-/// Time for which a second signal waits for the tick thread to switch its devices off before the
+/// Time for which a second Ctrl-C waits for the tick thread to switch its devices off before the
 /// process ends without it: 20 looks at the log.
 pub const OFF_TIMEOUT: Duration = Duration::from_millis(200);
 /// Time for which the end of a run waits for the thread of the link to close its ports.
@@ -102,19 +104,23 @@ pub const FETCH_TOLD: Duration = Duration::from_secs(2);
 /// How long a station of this version is waited for after one of another was heard: ten heartbeats.
 pub const OTHER_VERSION_HEARD: Duration = Duration::from_millis(10 * HELLO_PERIOD_MS);
 
-/// Tick records between main thread and recorder: about four seconds at 1 kHz, 2 KiB each.
-/// That bridges every stall of the recorder's thread but a lasting lack of processor time: a
-/// keyframe takes tenths of a second, and beside a hundred busy threads on its core it waits 0.3 s
-/// for its turn, with slices of 3 ms.
+/// Tick records between main thread and recorder, 2 KiB each, which take memory only while they
+/// wait: those of about four seconds at 1 kHz, of one at 4 kHz. Also the latter bridges every stall
+/// of the recorder's thread but a lasting lack of processor time: a keyframe takes tenths of a
+/// second, and beside a hundred busy threads on its core it waits 0.3 s for its turn, with slices
+/// of 3 ms.
 pub const RECORDED_TICKS: usize = 4096;
-/// Chunks between link and recorder, 4 KiB each: those of the same four seconds. A hundred
-/// objects under three probes give at most 344 a second (`config/scenes/hundred-objects.toml`).
+/// Chunks between link and recorder, 4 KiB each, which take memory only while they wait: those of
+/// six seconds at any rate. A hundred objects under three probes give at most 344 a second
+/// (`config/scenes/hundred-objects.toml`).
 pub const RECORDED_CHUNKS: usize = 2048;
-/// Requests, and contact reports, between tick and recorder, together 1.4 MiB: those of the same
-/// four seconds; three probes make at most 300 of each a second.
-pub const RECORDED_OUTPUTS: usize = 2048;
-/// Nice value of the recorder's threads: the kernel weighs it 9548 against the 1024 of an ordinary
-/// thread, so that beside six busy ones on its core it has 61 % of that core instead of 14 %.
+/// Requests, and contact reports, between tick and recorder: those of 1.7 seconds at any rate,
+/// since three probes make at most 300 of each a second. Locked memory commits all of them,
+/// together 0.3 MiB; what finds no room costs a mark in the recording, not its replay.
+pub const RECORDED_OUTPUTS: usize = 512;
+/// Nice value of the recorder's threads, and of the one that feeds them: the kernel weighs it 9548
+/// against the 1024 of an ordinary thread, so that beside six busy ones on its core it has 61 % of
+/// that core instead of 14 %.
 pub const RECORDER_NICE: i32 = -10;
 /// Stack of the recorder's thread, bytes: it ticks too.
 pub const RECORDER_STACK_BYTES: usize = TICK_STACK_BYTES;
@@ -128,14 +134,23 @@ pub const SHOWN_EVERY: u64 = 10;
 /// Time after which a recording's frame goes to the disk, ns: a kill costs no more than that. rerun
 /// makes one piece of each frame and channel: shorter ones slow it down.
 pub const FRAME_NS: u64 = 50_000_000;
-/// Bytes after which a frame ends before that, about those of a second: only for what is copied
-/// faster than it was recorded.
-pub const MAX_FRAME_BYTES: u64 = 1 << 20;
-/// Bytes that wait for the disk at the most before those that come on top, a keyframe for example:
-/// about eight seconds of a run.
+/// Bytes after which a frame ends before that: three times those of [`FRAME_NS`] at 1 kHz, a little
+/// fewer than those at 4 kHz. The encoder keeps a buffer of this size.
+pub const MAX_FRAME_BYTES: u64 = 256 << 10;
+/// Bytes of a part of a keyframe, which a run never holds as a whole: a frame each, that the
+/// encoder's buffer has room for.
+pub const KEYFRAME_PART_BYTES: usize = 128 << 10;
+/// Bytes of a keyframe that wait for the disk before its next part is made.
+pub const KEYFRAME_QUEUE_BYTES: usize = 1 << 20;
+/// Time from the beginning of a keyframe up to which its parts wait for the disk, unless a quarter
+/// of [`RECORDED_TICKS`] waits for the recorder; then they wait in the queue as all else does. Half
+/// of what [`RECORDED_TICKS`] bridge at 4 kHz.
+pub const KEYFRAME_TIMEOUT: Duration = Duration::from_millis(500);
+/// Bytes that wait for the disk at the most before those that come on top, the files of a scene for
+/// example: at 1 kHz those of about eight seconds of a run, at 4 kHz those of two.
 pub const RECORDING_QUEUE_BYTES: usize = 16 << 20;
-/// Pieces that wait for the disk at the most: several times those of eight seconds, one each
-/// [`FRAME_NS`], and more where files are short.
+/// Pieces that wait for the disk at the most: several times those of eight seconds at any rate, one
+/// each [`FRAME_NS`], and more where files are short.
 pub const RECORDING_JOBS: usize = 1024;
 /// Time between two tries of a disk that refused, ns.
 pub const RECORDING_RETRY_NS: u64 = 2_000_000_000;

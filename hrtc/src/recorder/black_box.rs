@@ -71,11 +71,16 @@ pub fn stands_alone(path: &Path) -> Result<bool, RecordingError> {
 
 /// Starts of a file's ticks, ns.
 fn ticks_ns(path: &Path) -> Result<impl Iterator<Item = u64>, RecordingError> {
-    let entries = RecordingReader::open(path)?;
+    let entries = RecordingReader::open(path)?.without_keyframes();
     Ok(entries.filter_map(|entry| match entry {
         Entry::Tick(record) => Some(record.start_ns),
         _ => None,
     }))
+}
+
+/// Writes the state of a twin.
+fn keyframe(encoder: &mut Encoder, twin: &Twin) -> Result<(), RecordingError> {
+    twin.to_parts(|part, number, is_last| encoder.keyframe(part, number, is_last))
 }
 
 /// Copies entries from a time on, with a keyframe before them.
@@ -113,10 +118,10 @@ impl Copy {
                 let twin = Twin::from_bytes(&state)?;
                 let before = self.twin.as_ref().map(|before| before.next_tick);
                 if before.is_none_or(|before| before < twin.next_tick) {
-                    self.twin = Some(twin);
                     if let Some(encoder) = &mut self.encoder {
-                        encoder.keyframe(state)?;
+                        keyframe(encoder, &twin)?;
                     }
+                    self.twin = Some(twin);
                 }
             }
             Entry::Chunk(index, chunk) => {
@@ -183,7 +188,7 @@ impl Copy {
         let probes = head.probes();
         let mut encoder = Encoder::new(&head, reader.files(), probes, record.start_ns)?;
         if let Some(twin) = &self.twin {
-            encoder.keyframe(twin.to_bytes()?)?;
+            keyframe(&mut encoder, twin)?;
         }
         Ok(encoder)
     }

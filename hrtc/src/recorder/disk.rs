@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
-use std::time::{Duration, UNIX_EPOCH};
+use std::time::{Duration, Instant, UNIX_EPOCH};
 
 /// Where a run's recording lies, and how much may.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -122,8 +122,10 @@ impl Disk {
         Ok(Self { jobs, news, done })
     }
 
-    /// Begins another file, with the keyframe before a tick.
+    /// Begins another file, whose keyframe is that before a tick.
     pub(super) fn begin(&self, number: u32, tick: u64) -> bool {
+        // That of a file before says nothing of the bytes that follow now.
+        self.news.failed.store(false, Ordering::Release);
         self.jobs.try_send(Job::Begin(number, tick)).is_ok()
     }
 
@@ -132,7 +134,8 @@ impl Disk {
     pub(super) fn write(&self, bytes: Vec<u8>, tick: u64) -> bool {
         let length = bytes.len();
         let queued = self.news.queued.load(Ordering::Acquire);
-        // Not the length added: a keyframe may be longer than all that may wait before it.
+        // Not the length added: the files of a scene, which each file of a recording begins with,
+        // may be longer than all that may wait before them.
         if queued > RECORDING_QUEUE_BYTES || self.news.failed.load(Ordering::Acquire) {
             return false;
         }
@@ -183,11 +186,15 @@ impl Disk {
 
     /// Waits until nothing waits any more, for this time at the most.
     pub(super) fn wait(&self, most: Duration) {
-        const STEP: Duration = Duration::from_millis(5);
-        let mut waited = Duration::ZERO;
-        while !self.is_idle() && self.failure().is_none() && waited < most {
-            std::thread::sleep(STEP);
-            waited += STEP;
+        self.wait_until(|queued| queued == 0, Instant::now() + most);
+    }
+
+    /// Waits until it is enough, by the number of bytes that wait, and no longer than until a time.
+    pub(super) fn wait_until(&self, is_enough: impl Fn(usize) -> bool, end: Instant) {
+        let is_over = || is_enough(self.news.queued.load(Ordering::Acquire));
+        // By the clock: on a busy core a sleep is longer than asked for.
+        while !is_over() && self.failure().is_none() && Instant::now() < end {
+            std::thread::sleep(Duration::from_millis(1));
         }
     }
 }
@@ -360,7 +367,7 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn a_keyframe_longer_than_the_queue_waits_behind_other_bytes() {
+    fn files_of_a_scene_longer_than_the_queue_wait_behind_other_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let first = folder.path().join("run.mcap");
         // Whoever writes into a pipe waits for its reader.
@@ -382,13 +389,18 @@ mod tests {
         });
         let disk = disk.unwrap();
         // More than the pipe holds, so it stays in the queue.
-        let (frame, keyframe) = (1 << 20, RECORDING_QUEUE_BYTES + 1);
+        let (frame, files) = (1 << 20, RECORDING_QUEUE_BYTES + 1);
         assert!(disk.write(vec![0; frame], 0));
-        assert!(disk.write(vec![0; keyframe], 1));
+        assert!(disk.write(vec![0; files], 1));
         assert!(!disk.write(vec![0], 2), "the queue is full");
+        disk.wait(Duration::from_millis(2));
+        assert!(!disk.is_idle(), "nobody has read");
+        // Not for what is enough already.
+        let hour = Duration::from_secs(3600);
+        disk.wait_until(|queued| queued > files, Instant::now() + hour);
         drop(release);
         assert_eq!(disk.finish(), Some(vec![first]));
-        assert_eq!(reader.join().unwrap(), frame + keyframe);
+        assert_eq!(reader.join().unwrap(), frame + files);
     }
 
     /// A file that takes no more bytes tells from which tick on, though later ones waited already.
@@ -408,12 +420,13 @@ mod tests {
             let _ = released.recv();
             pipe.read_exact(&mut bytes).unwrap();
         });
-        let disk = Disk::start(RecordingPlace {
+        let place = RecordingPlace {
             first,
             keep_bytes: 1 << 30,
             owns_folder: false,
-        });
-        let disk = disk.unwrap();
+        };
+        let second = place.path(1);
+        let disk = Disk::start(place).unwrap();
         assert!(!disk.has_lost());
         for tick in [0, 100, 200, 300] {
             assert!(disk.write(vec![0; frame], tick));
@@ -425,6 +438,9 @@ mod tests {
         assert!(disk.has_lost());
         assert_eq!(disk.take_lost(), Some(100));
         assert_eq!(disk.take_lost(), None);
+        // Another file takes bytes before the thread has begun it.
+        assert!(disk.begin(1, 400) && disk.write(vec![0; frame], 400));
+        assert_eq!(disk.finish().unwrap().last(), Some(&second));
     }
 
     #[test]

@@ -1,7 +1,8 @@
 //! Encodes one file of a recording into memory, never into a file: the disk has its own thread.
 
 use super::format::{
-    Channel, FILES, HEAD, Hole, PROFILE, PlainChunk, PlainReport, PlainRequest, sealed,
+    Channel, FILES, HEAD, Hole, PROFILE, PlainChunk, PlainReport, PlainRequest, keyframe_part,
+    sealed,
 };
 use super::schema::Schemas;
 use super::shown::{Display, Level, Shown};
@@ -170,8 +171,15 @@ impl Encoder {
         }
     }
 
-    pub(super) fn keyframe(&mut self, state: Vec<u8>) -> Result<(), RecordingError> {
-        self.replay(Channel::Keyframe, state)
+    /// A part of a keyframe, by its number from 0.
+    pub(super) fn keyframe(
+        &mut self,
+        state: &[u8],
+        number: u32,
+        is_last: bool,
+    ) -> Result<(), RecordingError> {
+        let part = keyframe_part(state, number, is_last);
+        self.replay(Channel::Keyframe, part)
     }
 
     pub(super) fn chunk(&mut self, index: u64, chunk: &InboxChunk) -> Result<(), RecordingError> {

@@ -56,7 +56,8 @@ impl LateTwin {
             let Some(reader) = &mut self.reader else {
                 let path = self.place.path(self.number);
                 // A file's head may not be written yet.
-                self.reader = RecordingReader::open_growing(&path, self.place.keep_bytes).ok();
+                let reader = RecordingReader::open_growing(&path, self.place.keep_bytes);
+                self.reader = reader.ok().map(RecordingReader::without_keyframes);
                 if self.reader.is_none() {
                     return CatchUp::All;
                 }

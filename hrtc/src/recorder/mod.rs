@@ -16,11 +16,12 @@
 //! All of them are bounded. What finds its ring or queue full is lost and marked as a [`Hole`]:
 //! a slow or full disk costs records, never a tick. Messages are gathered in short frames, MCAP's
 //! chunks, without which rerun reads nothing; a file that ends anywhere, by a kill for example,
-//! opens up to its last whole message. Each later file
-//! begins with a keyframe, the state of the twin, and replays without those before it. A recorder
-//! that gets too little time lets the twin fall behind before it loses a tick; the twin reads what
-//! it missed from the files. Once an input of a tick is lost there is no twin any more, since
-//! nothing may copy the state of the tick's own controller.
+//! opens up to its last whole message. Each later file begins with a keyframe, the state of the
+//! twin, and replays without those before it. That state is as large as the controller: it is
+//! written in parts, so that a run never holds it as a whole. A recorder that gets too little time
+//! lets the twin fall behind before it loses a tick; the twin reads what it missed from the files.
+//! Once an input of a tick is lost there is no twin any more, since nothing may copy the state of
+//! the tick's own controller.
 
 mod black_box;
 mod disk;
@@ -97,6 +98,9 @@ pub enum RecordingError {
     /// The head cannot be encoded.
     #[error("the head of the recording cannot be encoded: {0}")]
     Head(String),
+    /// The disk takes no more bytes for now; why.
+    #[error("{0}")]
+    Disk(String),
     /// The operating system gave no thread.
     #[error("cannot start a thread of the recorder: {0}")]
     Thread(io::Error),
@@ -142,7 +146,7 @@ const SOURCES: [(&str, usize); 4] = [
 /// What the recorder's thread tells the main thread.
 #[derive(Debug, Default)]
 struct Progress {
-    /// Whether the disk refused records.
+    /// Whether the recording lacks what it should have.
     has_lost: AtomicBool,
     /// The most entries in each of [`SOURCES`].
     high_water: [AtomicUsize; SOURCES.len()],
@@ -237,7 +241,8 @@ impl Recorder {
         self.missing.take()
     }
 
-    /// Whether the disk refused records.
+    /// Whether the recording lacks what it should have: the disk refused it, or it was not handed
+    /// over in time.
     #[must_use]
     pub fn has_lost(&self) -> bool {
         self.progress.has_lost.load(Ordering::Relaxed)

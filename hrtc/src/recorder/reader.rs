@@ -39,6 +39,7 @@ pub struct RecordingReader {
     files: KeptFiles,
     /// Replay channels by their ids.
     channels: BTreeMap<u16, Channel>,
+    keyframe: KeyframeParts,
     /// Read while looking for the head's end.
     first: Option<Entry>,
     is_whole: bool,
@@ -77,10 +78,11 @@ impl RecordingReader {
         let mut head = None;
         let mut files = KeptFiles::default();
         let mut channels = BTreeMap::new();
+        let mut keyframe = KeyframeParts::default();
         let mut first = None;
         // All of the head comes before the first message.
         let (mut has_message, mut is_whole) = (false, false);
-        while first.is_none() && !is_whole {
+        while !is_whole {
             let Some(record) = source.next() else { break };
             match record {
                 Record::Header(header) if header.profile != PROFILE => return Err(foreign()),
@@ -95,8 +97,10 @@ impl RecordingReader {
                 Record::Channel(channel) => channels.extend(for_replay(&channel)),
                 Record::Message { header, data } => {
                     has_message = true;
-                    let channel = channels.get(&header.channel_id);
-                    first = channel.map(|&channel| entry(channel, &data));
+                    if let Some(&channel) = channels.get(&header.channel_id) {
+                        first = keyframe.entry(channel, &data);
+                        break;
+                    }
                 }
                 Record::Footer(_) => is_whole = true,
                 _ => {}
@@ -109,9 +113,17 @@ impl RecordingReader {
                 .ok_or_else(foreign)?,
             files,
             channels,
+            keyframe,
             first,
             is_whole,
         })
+    }
+
+    /// Passes over keyframes from here on, of which it then holds no more than a part.
+    #[must_use]
+    pub(super) fn without_keyframes(mut self) -> Self {
+        self.keyframe.are_wanted = false;
+        self
     }
 
     /// The head.
@@ -144,8 +156,10 @@ impl Iterator for RecordingReader {
         while !self.is_whole {
             match self.source.next()? {
                 Record::Message { header, data } => {
-                    if let Some(&channel) = self.channels.get(&header.channel_id) {
-                        return Some(entry(channel, &data));
+                    let channel = self.channels.get(&header.channel_id).copied();
+                    let entry = channel.and_then(|channel| self.keyframe.entry(channel, &data));
+                    if entry.is_some() {
+                        return entry;
                     }
                 }
                 Record::Channel(channel) => self.channels.extend(for_replay(&channel)),
@@ -213,15 +227,64 @@ fn for_replay(channel: &mcap::records::Channel) -> Option<(u16, Channel)> {
     Some((channel.id, found))
 }
 
-/// A message as an entry.
-fn entry(channel: Channel, data: &[u8]) -> Entry {
-    let read = format::unsealed(data).and_then(|bytes| read(channel, bytes));
-    read.unwrap_or_else(|| Entry::Damaged(channel.topic().to_owned()))
+/// Makes entries of messages: joins the parts of a keyframe.
+struct KeyframeParts {
+    are_wanted: bool,
+    /// The state as far as it was read.
+    state: Vec<u8>,
+    /// Number of the next part.
+    next: u32,
 }
 
+impl Default for KeyframeParts {
+    fn default() -> Self {
+        Self {
+            are_wanted: true,
+            state: Vec::new(),
+            next: 0,
+        }
+    }
+}
+
+impl KeyframeParts {
+    /// A message as an entry; `None` of a part that is not a keyframe's last.
+    fn entry(&mut self, channel: Channel, data: &[u8]) -> Option<Entry> {
+        let bytes = format::unsealed(data);
+        let read = match channel {
+            Channel::Keyframe => match bytes.and_then(format::of_keyframe_part) {
+                Some((part, number, is_last)) if number == self.next => {
+                    return self.join(part, is_last);
+                }
+                _ => None,
+            },
+            _ => bytes.and_then(|bytes| read(channel, bytes)),
+        };
+        // A keyframe without its last part is none.
+        let _ = self.begin();
+        Some(read.unwrap_or_else(|| Entry::Damaged(channel.topic().to_owned())))
+    }
+
+    /// Adds a part; the keyframe, if it was the last one.
+    fn join(&mut self, part: &[u8], is_last: bool) -> Option<Entry> {
+        self.next = self.next.saturating_add(1);
+        if self.are_wanted {
+            self.state.extend_from_slice(part);
+        }
+        let state = is_last.then(|| self.begin())?;
+        self.are_wanted.then_some(Entry::Keyframe(state))
+    }
+
+    /// Makes ready for another keyframe; the state that was read so far.
+    fn begin(&mut self) -> Vec<u8> {
+        self.next = 0;
+        std::mem::take(&mut self.state)
+    }
+}
+
+/// A message other than a keyframe's.
 fn read(channel: Channel, bytes: &[u8]) -> Option<Entry> {
     Some(match channel {
-        Channel::Keyframe => Entry::Keyframe(bytes.to_vec()),
+        Channel::Keyframe => return None,
         Channel::Chunk => {
             let plain: PlainChunk = bytemuck::try_pod_read_unaligned(bytes).ok()?;
             Entry::Chunk(plain.index, Box::new(plain.chunk()))
@@ -244,6 +307,24 @@ mod tests {
     use super::*;
     use crate::recorder::write_black_box;
     use std::process::Command;
+
+    #[test]
+    fn a_keyframe_that_lacks_a_part_is_damaged_and_the_next_one_is_not() {
+        let mut parts = KeyframeParts::default();
+        let mut take = |number: u32, is_last: bool| {
+            let part = format::keyframe_part(&[number as u8; 2], number, is_last);
+            parts.entry(Channel::Keyframe, &format::sealed(part))
+        };
+        let is_state = |entry: Option<Entry>, state: &[u8]| match entry {
+            Some(Entry::Keyframe(read)) => read == state,
+            _ => false,
+        };
+        assert!(take(0, false).is_none());
+        assert!(is_state(take(1, true), &[0, 0, 1, 1]));
+        assert!(take(0, false).is_none());
+        assert!(matches!(take(2, true), Some(Entry::Damaged(_))));
+        assert!(is_state(take(0, true), &[0, 0]));
+    }
 
     /// A pipe that nobody writes into would hold up for ever who opens it.
     #[test]

@@ -7,13 +7,15 @@
 use super::RecordingError;
 use crate::tick_record::TickRecord;
 use crate::time_answers::RecordedAnswers;
-use crate::tuning::KEYFRAME_STACK_BYTES;
+use crate::tuning::{KEYFRAME_PART_BYTES, KEYFRAME_STACK_BYTES};
 use bytemuck::Zeroable;
 use geometry::Wrench;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Controller, TickInputs, TickOutputs};
+use postcard::ser_flavors::Size;
 use protocol::{CHUNK_SLOTS, ChunkHeader, ChunkSlot, ContactReport, Request};
 use serde::{Deserialize, Serialize};
+use std::io::{self, Write};
 
 /// A recording that lacks an input, so that the twin cannot go on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,9 +48,11 @@ pub struct Twin {
 }
 
 impl Twin {
-    /// A twin before its first tick.
+    /// A twin before its first tick. Its samples are recorded ones: it keeps no points of the tours
+    /// that lead the hands.
     #[must_use]
-    pub fn new(controller: Box<Controller>) -> Self {
+    pub fn new(mut controller: Box<Controller>) -> Self {
+        controller.drop_tour_points();
         Self {
             outputs: TickOutputs::new(controller.probes()),
             controller,
@@ -79,16 +83,52 @@ impl Twin {
     /// # Errors
     /// Of the encoder, when there is no memory.
     pub fn to_bytes(&self) -> Result<Vec<u8>, RecordingError> {
+        Ok(postcard::to_stdvec(&self.state())?)
+    }
+
+    /// Length of [`Twin::to_bytes`].
+    ///
+    /// # Errors
+    /// Of the encoder.
+    pub(super) fn state_bytes(&self) -> Result<usize, RecordingError> {
+        let counted = postcard::serialize_with_flavor(&self.state(), Size::default());
+        Ok(counted?)
+    }
+
+    /// Hands over what [`Twin::to_bytes`] gives in parts of [`KEYFRAME_PART_BYTES`]: each with its
+    /// number, from 0, and whether it is the last.
+    ///
+    /// # Errors
+    /// Those of `take`, which gets no part after one, and of the encoder.
+    pub(super) fn to_parts(
+        &self,
+        take: impl FnMut(&[u8], u32, bool) -> Result<(), RecordingError>,
+    ) -> Result<(), RecordingError> {
+        let mut parts = Parts {
+            part: Vec::with_capacity(KEYFRAME_PART_BYTES),
+            number: 0,
+            take,
+            failed: None,
+        };
+        let encoded = postcard::to_io(&self.state(), &mut parts).map(|_| ());
+        if let Some(error) = parts.failed.take() {
+            return Err(error);
+        }
+        encoded?;
+        parts.hand_over(true)
+    }
+
+    fn state(&self) -> State<&Controller> {
         let bytes = |chunk: &InboxChunk| {
             let header = bytemuck::bytes_of(&chunk.header);
             [header, bytemuck::bytes_of(&chunk.slots)].concat()
         };
-        Ok(postcard::to_stdvec(&State {
-            controller: &self.controller,
+        State {
+            controller: self.controller(),
             waiting: self.waiting.iter().map(bytes).collect(),
             consumed: self.consumed,
             next_tick: self.next_tick,
-        })?)
+        }
     }
 
     /// The controller, after the last tick.
@@ -207,6 +247,43 @@ impl Twin {
             .or_else(|| contacts.find_map(|of| of))
             .or_else(|| field("core", &record.core, &outputs.record))
             .or_else(|| counts.find_map(|of| of))
+    }
+}
+
+/// Hands over what is written in parts.
+struct Parts<F> {
+    part: Vec<u8>,
+    number: u32,
+    take: F,
+    /// Why it was refused: the encoder says only that it was.
+    failed: Option<RecordingError>,
+}
+
+impl<F: FnMut(&[u8], u32, bool) -> Result<(), RecordingError>> Parts<F> {
+    fn hand_over(&mut self, is_last: bool) -> Result<(), RecordingError> {
+        (self.take)(&self.part, self.number, is_last)?;
+        self.part.clear();
+        self.number += 1;
+        Ok(())
+    }
+}
+
+impl<F: FnMut(&[u8], u32, bool) -> Result<(), RecordingError>> Write for Parts<F> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let is_full = self.part.len() + bytes.len() > KEYFRAME_PART_BYTES;
+        if is_full
+            && !self.part.is_empty()
+            && let Err(error) = self.hand_over(false)
+        {
+            self.failed = Some(error);
+            return Err(io::ErrorKind::Other.into());
+        }
+        self.part.extend_from_slice(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
     }
 }
 

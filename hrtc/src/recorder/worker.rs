@@ -10,7 +10,8 @@ use super::{Hole, Progress, RecordingError, RecordingHead};
 use crate::message::note;
 use crate::tick_record::TickRecord;
 use crate::tuning::{
-    DRAIN_PERIOD, FRAME_NS, RECORDED_TICKS, RECORDING_RETRY_NS, RECORDING_TIMEOUT,
+    DRAIN_PERIOD, FRAME_NS, KEYFRAME_QUEUE_BYTES, KEYFRAME_TIMEOUT, RECORDED_TICKS,
+    RECORDING_RETRY_NS, RECORDING_TIMEOUT,
 };
 use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
@@ -20,7 +21,7 @@ use scene_files::KeptFiles;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, OnceLock};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// The recorder's ends of its queues and rings.
 pub(super) struct Sources {
@@ -89,6 +90,8 @@ pub(super) struct Worker {
     /// Those that the present file is to mark, until the disk has its beginning.
     told: Option<Hole>,
     retry_ns: u64,
+    /// [`KEYFRAME_TIMEOUT`]; a test waits longer.
+    keyframe_timeout: Duration,
     /// Time of the last frame's end, ns.
     flushed_ns: u64,
     has_warned: bool,
@@ -136,6 +139,7 @@ impl Worker {
             hole: None,
             told: None,
             retry_ns: 0,
+            keyframe_timeout: KEYFRAME_TIMEOUT,
             flushed_ns: 0,
             has_warned: false,
             has_told_late: false,
@@ -184,7 +188,7 @@ impl Worker {
         let expected = self.next_tick + u64::from(record.skipped);
         if record.tick != expected {
             let last = record.tick.saturating_sub(1 + u64::from(record.skipped));
-            self.lose(self.next_tick, last, "the recorder had no time for them")?;
+            self.lose(self.next_tick, last, "they were not handed over in time")?;
         }
         self.next_tick = record.tick + 1;
         self.chunks(record)?;
@@ -295,14 +299,15 @@ impl Worker {
             reports: of_tick(&mut self.sources.reports, record.tick),
         };
         let found = (outgoing.requests.len(), outgoing.reports.len());
-        if found != (record.requests as usize, record.reports as usize)
-            && let Some(encoder) = &mut self.encoder
-        {
-            encoder.hole(&Hole {
-                first: record.tick,
-                last: record.tick,
-                reason: "its requests or reports were lost".to_owned(),
-            })?;
+        if found != (record.requests as usize, record.reports as usize) {
+            self.progress.has_lost.store(true, Ordering::Relaxed);
+            if let Some(encoder) = &mut self.encoder {
+                encoder.hole(&Hole {
+                    first: record.tick,
+                    last: record.tick,
+                    reason: "its requests or reports were lost".to_owned(),
+                })?;
+            }
         }
         Ok(outgoing)
     }
@@ -313,6 +318,7 @@ impl Worker {
         self.late = None;
         if !self.has_told_loss {
             self.has_told_loss = true;
+            self.progress.has_lost.store(true, Ordering::Relaxed);
             note!(
                 "the recording lacks inputs of ticks {first} to {last} and does not replay from there on: {reason}"
             );
@@ -367,11 +373,22 @@ impl Worker {
             Err(error) => return self.stop(error.to_string()),
         };
         self.written += bytes.len() as u64;
-        if !bytes.is_empty() && !self.disk.write(bytes, self.pending_tick) {
-            let reason = self.disk.failure();
-            return self.stop(reason.unwrap_or_else(|| "the disk is slow".to_owned()));
+        if !bytes.is_empty()
+            && let Err(error) = self.hand_over(bytes)
+        {
+            return self.stop(error.to_string());
         }
         self.pending_tick = self.next_tick;
+    }
+
+    /// Hands bytes to the disk.
+    fn hand_over(&self, bytes: Vec<u8>) -> Result<(), RecordingError> {
+        if self.disk.write(bytes, self.pending_tick) {
+            return Ok(());
+        }
+        let reason = self.disk.failure();
+        let reason = reason.unwrap_or_else(|| "the disk is slow".to_owned());
+        Err(RecordingError::Disk(reason))
     }
 
     /// Ends the present file where the disk has it; the run goes on.
@@ -437,20 +454,34 @@ impl Worker {
             encoder.hole(&hole)?;
             self.told = Some(hole);
         }
-        if let Some(twin) = &self.twin {
-            self.keyframe(&mut encoder, twin.to_bytes()?)?;
-        }
-        self.written = 0;
         self.pending_tick = self.next_tick;
+        self.written = self.keyframe(&mut encoder)?;
         self.encoder = Some(encoder);
         Ok(())
     }
 
-    /// Adds a keyframe, unless it leaves too little of a file for ticks.
-    fn keyframe(&self, encoder: &mut Encoder, state: Vec<u8>) -> Result<(), RecordingError> {
-        let bytes = state.len() as u64;
+    /// Adds a keyframe, unless there is no twin or it leaves too little of a file for ticks; the
+    /// bytes that the disk has got. It may be larger than all else that the recorder holds, so the
+    /// disk gets it in parts, each when it has written most of those before; but not while many
+    /// ticks wait for this thread, since one that finds no room costs the twin.
+    fn keyframe(&self, encoder: &mut Encoder) -> Result<u64, RecordingError> {
+        let Some(twin) = &self.twin else {
+            return Ok(0);
+        };
+        let bytes = twin.state_bytes()? as u64;
         if 2 * bytes <= self.place.file_bytes() {
-            return encoder.keyframe(state);
+            let mut written = 0;
+            let end = Instant::now() + self.keyframe_timeout;
+            let do_ticks_wait = || self.sources.ticks.len() > RECORDED_TICKS / 4;
+            let is_enough = |queued: usize| queued <= KEYFRAME_QUEUE_BYTES || do_ticks_wait();
+            twin.to_parts(|part, number, is_last| {
+                encoder.keyframe(part, number, is_last)?;
+                let frame = encoder.flush()?;
+                written += frame.len() as u64;
+                self.disk.wait_until(is_enough, end);
+                self.hand_over(frame)
+            })?;
+            return Ok(written);
         }
         let needed = RecordingPlace::keep_for(2 * bytes) >> 20;
         let sentence = format!(
@@ -459,7 +490,8 @@ impl Worker {
         if self.head.segment == 1 {
             note!("{sentence}");
         }
-        encoder.event(Level::Warning, &sentence)
+        encoder.event(Level::Warning, &sentence)?;
+        Ok(0)
     }
 
     /// An error of the encoder: a defect, but not one that ends a run.

@@ -61,7 +61,7 @@ impl RunRecording {
                 Ok((Some(recording), Some(taps)))
             }
             Err(error) if is_default => {
-                note!("this run is not recorded: {error}; name a file with --record");
+                note!("this run is not recorded: {error}{}", remedy(&error));
                 Ok((None, None))
             }
             Err(error) => Err(error),
@@ -83,7 +83,7 @@ impl RunRecording {
         self.recorder.take_missing()
     }
 
-    /// Whether the disk refused records.
+    /// Whether the recording lacks what it should have.
     pub(super) fn has_lost(&self) -> bool {
         self.recorder.has_lost()
     }
@@ -104,6 +104,14 @@ impl RunRecording {
             ),
             Err(error) => note!("there is no black box: {error}"),
         }
+    }
+}
+
+/// What helps where the default place cannot be used: another one, if the place is the reason.
+fn remedy(error: &RecordingError) -> &'static str {
+    match error {
+        RecordingError::File(..) => "; name a file with --record",
+        _ => "",
     }
 }
 
@@ -137,4 +145,18 @@ fn beside(path: &Path, word: &str) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push(format!("-{word}.mcap"));
     path.with_file_name(name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file of another name has no more room for the files of the scene.
+    #[test]
+    fn another_file_is_advised_only_where_the_place_is_refused() {
+        let refused = std::io::ErrorKind::PermissionDenied.into();
+        let refused = RecordingError::File("run.mcap".to_owned(), refused);
+        assert!(remedy(&refused).contains("--record"));
+        assert_eq!(remedy(&RecordingError::Room(256)), "");
+    }
 }

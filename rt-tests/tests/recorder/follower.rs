@@ -51,7 +51,7 @@ fn cut_to_keyframe(path: &Path) {
     while low + 1 < high {
         let middle = usize::midpoint(low, high);
         std::fs::write(path, &all[..middle]).unwrap();
-        if RecordingReader::open(path).is_ok() {
+        if RecordingReader::open(path).is_ok_and(|mut of| of.next().is_some()) {
             high = middle;
         } else {
             low = middle;

@@ -2,29 +2,36 @@
 
 use super::*;
 use crate::recorder::queue::Sender;
-use crate::recorder::{RecordingReader, Replay, replay, sources, write_black_box};
+use crate::recorder::{
+    Entry, RecordingReader, Replay, replay, sources, stands_alone, write_black_box,
+};
 use crate::setup::ControllerSetup;
-use crate::tuning::RECORDED_TICKS;
+use crate::tuning::{KEYFRAME_PART_BYTES, MAX_FRAME_BYTES, RECORDED_TICKS};
 use haptic_device::Capabilities;
+use hrtc_core::Controller;
 use hrtc_core::streaming::subscriber::Identity;
+use mcap::records::ChunkIndex;
 use scene::Overrides;
 use scene_files::NotingFiles;
 use std::ffi::OsStr;
+use std::fs::File;
 use std::os::unix::ffi::OsStrExt;
 use std::path::Path;
+use std::process::Command;
 
 /// Time between two ticks, ns: long, so that the black box takes the end of the recording only.
 const PERIOD_NS: u64 = 10_000_000;
 
 /// A scene without a station, and the files that make its controller.
 fn head(folder: &Path) -> (RecordingHead, KeptFiles) {
-    head_with(folder, &Overrides::default())
+    head_with(folder, &Overrides::default(), "64KiB")
 }
 
-fn head_with(folder: &Path, overrides: &Overrides) -> (RecordingHead, KeptFiles) {
+fn head_with(folder: &Path, overrides: &Overrides, cache: &str) -> (RecordingHead, KeptFiles) {
     let path = folder.join("late.toml");
-    let text =
-        "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[cache]\nbytes = \"64KiB\"\n[[probe]]\n";
+    let text = format!(
+        "[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[cache]\nbytes = \"{cache}\"\n[[probe]]\n"
+    );
     std::fs::write(&path, text).unwrap();
     let files = NotingFiles::default();
     let _ = scene::load(&path, overrides, &files).unwrap();
@@ -60,10 +67,19 @@ fn ticks(head: &RecordingHead, files: &KeptFiles, count: usize) -> Vec<TickRecor
 /// A worker, and the queue of ticks that it takes. It keeps all ticks of these runs (some 700 bytes
 /// each), and a full queue fills more than one file.
 fn worker(folder: &Path, head: RecordingHead, files: KeptFiles) -> (Worker, Sender<TickRecord>) {
+    worker_that_keeps(10 << 20, folder, head, files)
+}
+
+fn worker_that_keeps(
+    keep_bytes: u64,
+    folder: &Path,
+    head: RecordingHead,
+    files: KeptFiles,
+) -> (Worker, Sender<TickRecord>) {
     let (queue, _, ends) = sources();
     let place = RecordingPlace {
         first: folder.join("run.mcap"),
-        keep_bytes: 10 << 20,
+        keep_bytes,
         owns_folder: false,
     };
     let worker = Worker::new(ends, head, files, place, Arc::default());
@@ -124,7 +140,7 @@ fn a_scene_in_a_folder_whose_name_is_not_utf_8_is_recorded_and_replays() {
         devices: vec![device],
         ..Overrides::default()
     };
-    let (head, files) = head_with(&folder, &overrides);
+    let (head, files) = head_with(&folder, &overrides, "64KiB");
     let run = ticks(&head, &files, 100);
     let (mut worker, mut queue) = worker(&folder, head.clone(), files.clone());
     take(&mut worker, &mut queue, &run);
@@ -196,11 +212,144 @@ fn a_tick_that_found_no_room_is_marked_and_those_before_it_replay() {
     take(&mut worker, &mut queue, &run);
     assert!(worker.twin.is_none() && worker.late.is_none());
     assert!(worker.has_told_loss && !worker.has_told_late);
+    assert!(worker.progress.has_lost.load(Ordering::Relaxed));
     let (_, found) = finish(worker);
     assert!(found[0].equal && !found[0].whole, "{found:?}");
     assert_eq!(found[0].ticks, lost);
     let hole = &found[0].holes[0];
     assert_eq!((hole.first, hole.last), (lost, lost));
+    assert_eq!(hole.reason, "they were not handed over in time");
+}
+
+/// The state of the twin is the same without it.
+#[test]
+fn a_request_that_found_no_room_is_told_and_keyframes_go_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let (head, files) = head(folder.path());
+    let mut run = ticks(&head, &files, 10);
+    run[5].requests += 1;
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
+    take(&mut worker, &mut queue, &run[..5]);
+    assert!(!worker.progress.has_lost.load(Ordering::Relaxed));
+    take(&mut worker, &mut queue, &run[5..]);
+    assert!(worker.progress.has_lost.load(Ordering::Relaxed));
+    assert!(worker.twin.is_some() && !worker.has_told_loss);
+}
+
+/// A recording of two files, of which the first has one tick of a hundred; and the state between
+/// them.
+fn rotated(folder: &Path) -> (Vec<PathBuf>, Vec<u8>) {
+    let (head, files) = head_with(folder, &Overrides::default(), "4MiB");
+    let run = ticks(&head, &files, 100);
+    let (mut worker, mut queue) = worker_that_keeps(64 << 20, folder, head, files);
+    // The first file is full.
+    worker.written = worker.place.file_bytes();
+    take(&mut worker, &mut queue, &run[..1]);
+    let state = worker.twin.as_ref().unwrap().to_bytes().unwrap();
+    take(&mut worker, &mut queue, &run[1..]);
+    let (kept, found) = finish(worker);
+    assert!(found.iter().all(|of| of.equal && of.whole), "{found:?}");
+    let ticks: Vec<u64> = found.iter().map(|of| of.ticks).collect();
+    assert_eq!(ticks, [1, 99]);
+    assert!(state.len() > 3 * KEYFRAME_PART_BYTES, "{}", state.len());
+    (kept, state)
+}
+
+/// The frames of a file.
+fn frames(path: &Path) -> Vec<ChunkIndex> {
+    let bytes = std::fs::read(path).unwrap();
+    let summary = mcap::read::Summary::read(&bytes).unwrap().unwrap();
+    summary.chunk_indexes
+}
+
+/// In one message the state would be in memory three times, and the encoder would keep one of them.
+#[test]
+fn a_keyframe_is_written_in_parts_that_give_the_same_state() {
+    let folder = tempfile::tempdir().unwrap();
+    let (kept, state) = rotated(folder.path());
+    let Some(Entry::Keyframe(read)) = RecordingReader::open(&kept[1]).unwrap().next() else {
+        panic!("it begins otherwise");
+    };
+    assert!(read == state);
+    let longest = frames(&kept[1]).iter().map(|of| of.chunk_length).max();
+    assert!(longest <= Some(MAX_FRAME_BYTES), "{longest:?}");
+    let reader = RecordingReader::open(&kept[1]).unwrap();
+    let mut others = reader
+        .without_keyframes()
+        .filter(|of| !matches!(of, Entry::Tick(_)));
+    assert!(others.next().is_none());
+}
+
+/// A disk that takes nothing for longer than the queue of ticks bridges: its second file begins all
+/// the same, and no tick is lost for it.
+#[test]
+fn a_keyframe_does_not_wait_for_a_slow_disk_while_ticks_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = folder.path().join("run.mcap");
+    let made = Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.unwrap().success());
+    let (release, released) = std::sync::mpsc::channel::<()>();
+    let reader = std::thread::spawn(move || {
+        let mut file = File::open(pipe).unwrap();
+        let _ = released.recv();
+        std::io::copy(&mut file, &mut std::io::sink()).unwrap()
+    });
+    let (head, files) = head_with(folder.path(), &Overrides::default(), "4MiB");
+    let run = ticks(&head, &files, RECORDED_TICKS / 4 + 2);
+    let (mut worker, mut queue) = worker_that_keeps(64 << 20, folder.path(), head, files);
+    worker.keyframe_timeout = Duration::from_secs(3600);
+    assert!(worker.disk.write(vec![0; 2 * KEYFRAME_QUEUE_BYTES], 0));
+    // The first file is full.
+    worker.written = worker.place.file_bytes();
+    take(&mut worker, &mut queue, &run);
+    assert!(worker.twin.is_some() && !worker.has_told_loss);
+    assert!(!worker.disk.is_idle(), "nobody has read");
+    drop(release);
+    assert!(reader.join().unwrap() > 0);
+    let files = worker.finish(&Ending {
+        level: Level::Info,
+        sentence: "the run ended".to_owned(),
+    });
+    let found = replay(&files[1]).unwrap();
+    assert!(found.equal && found.whole, "{found:?}");
+    assert_eq!(found.ticks, run.len() as u64 - 1);
+}
+
+/// As where the disk is full.
+#[test]
+fn a_file_that_ends_within_its_keyframe_opens_and_the_black_box_does_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let (kept, _) = rotated(folder.path());
+    let ends = frames(&kept[1]).into_iter();
+    let first_end = ends.map(|of| of.chunk_start_offset + of.chunk_length).min();
+    let bytes = std::fs::read(&kept[1]).unwrap();
+    std::fs::write(&kept[1], &bytes[..first_end.unwrap() as usize]).unwrap();
+    assert!(!stands_alone(&kept[1]).unwrap());
+    let found = replay(&kept[1]).unwrap();
+    assert!(found.equal && !found.whole && found.ticks == 0, "{found:?}");
+    let black_box = folder.path().join("fault.mcap");
+    write_black_box(&kept, "a test", &black_box).unwrap();
+    let found = replay(&black_box).unwrap();
+    assert!(found.equal && found.ticks == 1, "{found:?}");
+}
+
+/// A tour of ten minutes has 120 000 points of 64 bytes.
+#[test]
+fn a_twin_has_no_room_for_the_points_of_a_tour() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut head, files) = head(folder.path());
+    head.setup.tour_seconds = 600.0;
+    let room = |controller: &Controller| {
+        let all = controller.capacities().into_iter();
+        let mut points = all.filter(|of| of.name == "points of the tour");
+        points.next().unwrap().capacity
+    };
+    let controller = head.controller(&files).unwrap();
+    assert!(room(&controller) > 100_000);
+    let twin = Twin::new(controller);
+    assert_eq!(room(twin.controller()), 0);
+    let read = Twin::from_bytes(&twin.to_bytes().unwrap()).unwrap();
+    assert_eq!(room(read.controller()), 0);
 }
 
 /// A disk that stays full over the beginning of another file: the hole is that of all of it.
