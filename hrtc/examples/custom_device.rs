@@ -2,7 +2,7 @@
 //! on a thread beside it. `cargo run --release -p hrtc --example custom_device`
 
 use glam::DVec3;
-use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, WrenchCommand};
+use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, Wrench, WrenchCommand};
 use hrtc::devices::DeviceRegistry;
 use hrtc::run::{RunArgs, run_with};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -11,13 +11,35 @@ use ve_station::serve::{ServeArgs, serve};
 const SCENE: &str = r#"object = [{ generate = { shape = "sphere", faces = 2000 }, size_m = 0.1 }]
 probe = [{ device = { custom = { name = "tapper", period_s = 0.5 } } }]"#;
 
-#[derive(Default)]
 struct Tapper {
     tap_period_s: f64,
     position: DVec3,
     velocity: DVec3,
-    force: DVec3,
+    command: WrenchCommand,
     dt: f64,
+}
+
+impl Tapper {
+    fn new(tap_period_s: f64, dt: f64) -> Self {
+        Self {
+            tap_period_s,
+            position: DVec3::Z * 0.058,
+            velocity: DVec3::ZERO,
+            command: WrenchCommand::unlimited(Wrench::ZERO),
+            dt,
+        }
+    }
+
+    /// The force that acts at a time. Nothing may act for longer than it is valid: the controller
+    /// may hang or be gone, and then nobody calls the driver. Hardware that keeps its last force
+    /// ends it by itself: its firmware does, or a timer of the driver.
+    fn force_at(&self, now_ns: u64) -> DVec3 {
+        if now_ns < self.command.valid_until_ns {
+            self.command.wrench.force
+        } else {
+            DVec3::ZERO
+        }
+    }
 }
 
 impl Device for Tapper {
@@ -27,8 +49,11 @@ impl Device for Tapper {
     fn read(&mut self, time: TickTime) -> Option<Sample> {
         let phase = std::f64::consts::TAU * (time.start_ns as f64 * 1e-9) / self.tap_period_s;
         let hand = DVec3::Z * (0.052 + 0.006 * phase.cos());
-        for _ in 0..time.periods {
-            let force = self.force + (hand - self.position) * 200.0 - self.velocity * 3.0;
+        // Several where ticks were late.
+        for left in (0..time.periods).rev() {
+            let past_ns = f64::from(left + 1) * self.dt * 1e9;
+            let rendered = self.force_at(time.start_ns.saturating_sub(past_ns as u64));
+            let force = rendered + (hand - self.position) * 200.0 - self.velocity * 3.0;
             self.velocity += force * (self.dt / 0.05);
             self.position += self.velocity * self.dt;
         }
@@ -38,22 +63,18 @@ impl Device for Tapper {
         })
     }
     fn write(&mut self, command: WrenchCommand) {
-        self.force = command.wrench.force;
+        self.command = command;
     }
     fn safe_off(&mut self) {
-        self.force = DVec3::ZERO;
+        self.command = WrenchCommand::unlimited(Wrench::ZERO);
     }
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let registry = DeviceRegistry::new().with("tapper", |request| {
         let period_s = request.settings.get("period_s").and_then(|v| v.as_float());
-        Ok(Box::new(Tapper {
-            tap_period_s: period_s.ok_or("its settings need period_s = 0.5")?,
-            position: DVec3::Z * 0.058,
-            dt: request.period_s,
-            ..Tapper::default()
-        }))
+        let period_s = period_s.ok_or("its settings need period_s = 0.5")?;
+        Ok(Box::new(Tapper::new(period_s, request.period_s)))
     });
     let domain = format!("custom-device-{}", std::process::id());
     let scene = std::env::temp_dir().join(&domain).with_extension("toml");
@@ -77,4 +98,37 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     std::fs::remove_file(&scene)?;
     transport::Domain::new(&domain)?.remove_files();
     Ok(result?)
+}
+
+/// Run by `hrtc/tests/example.rs`.
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_force_ends_with_its_validity_also_in_periods_that_were_skipped() {
+        const MS: u64 = 1_000_000;
+        // How far one force moves it, against none, in periods up to a time.
+        let moved = |start_ns: u64, periods: u32| {
+            let z = |newtons: f64| {
+                let mut tapper = Tapper::new(0.5, 1e-3);
+                tapper.write(WrenchCommand {
+                    wrench: Wrench {
+                        force: DVec3::Z * newtons,
+                        ..Wrench::ZERO
+                    },
+                    valid_until_ns: 30 * MS,
+                });
+                let time = TickTime { start_ns, periods };
+                let sample = tapper.read(time).expect("it always has one");
+                sample.pose.position.z
+            };
+            z(1.0) - z(0.0)
+        };
+        assert!(moved(20 * MS, 1) > 0.0);
+        assert_eq!(moved(1000 * MS, 1), 0.0);
+        // The first of these periods ends before the force does.
+        assert!(moved(40 * MS, 20) > 0.0);
+        assert_eq!(moved(1000 * MS, 20), 0.0);
+    }
 }

@@ -5,6 +5,7 @@
 //! taken from iceoryx2 only when the inbox has room, so none is dropped here. The credit window
 //! bounds the number of waiting chunks.
 
+use crate::message::note;
 use crate::station_heard::StationHeard;
 use crate::traffic::Traffic;
 use crate::tuning::{
@@ -19,7 +20,7 @@ use iceoryx2::port::subscriber::Subscriber;
 use iceoryx2::prelude::ipc;
 use protocol::{
     CHUNK_SLOTS, ChunkDecoder, ChunkHeader, ChunkSlot, CompactError, ContactReport, Encoding,
-    Hello, HelloError, Request, RequestKind, Role,
+    Hello, Request, RequestKind, Role,
 };
 use rtrb::{Consumer, Producer};
 use std::collections::{BTreeMap, BTreeSet};
@@ -61,8 +62,6 @@ pub struct LinkEndpoints {
     pub round_trip_us: Arc<AtomicU32>,
     /// What crosses the link, by kind.
     pub traffic: Arc<Traffic>,
-    /// Version of a peer that speaks another protocol; 0 when none was heard.
-    pub other_version: Arc<AtomicU32>,
     /// Called for every arrival; `None` without a recording.
     pub recorder: Option<ChunkRecorder>,
 }
@@ -218,7 +217,7 @@ struct Agent {
     station: StationHeard,
     /// Newest epoch of each session that was requested and not closed, by object.
     open_sessions: BTreeMap<u32, u32>,
-    /// Sentences that were logged.
+    /// Sentences that were said.
     warned: BTreeSet<String>,
 }
 
@@ -417,10 +416,10 @@ impl Agent {
                 Ok(_) => {}
                 Err(error) => {
                     self.report.refused += 1;
-                    if let HelloError::OtherVersion { theirs, .. } = error {
-                        self.ends.other_version.store(theirs, Ordering::Release);
+                    // Other controllers are none of this one's business.
+                    if error.role() != Some(Role::Controller) {
+                        self.warn_once(error.to_string());
                     }
-                    self.warn_once(error.to_string());
                 }
             }
         }
@@ -433,10 +432,10 @@ impl Agent {
         self.warn_once(error.to_string());
     }
 
-    /// Logs a sentence once, up to [`MAX_LOGGED_SENTENCES`].
+    /// Says a sentence once, up to [`MAX_LOGGED_SENTENCES`].
     fn warn_once(&mut self, sentence: String) {
         if self.warned.len() < MAX_LOGGED_SENTENCES && !self.warned.contains(&sentence) {
-            tracing::warn!("{sentence}");
+            note!("{sentence}");
             self.warned.insert(sentence);
         }
     }

@@ -10,15 +10,14 @@ use hrtc::tuning::{RUN_SECONDS, SIGNALS_STACK_BYTES};
 use scene_args::OverrideArgs;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Exit status after a third signal: 128 and the number of SIGINT.
+/// Exit status after a third Ctrl-C: 128 and the number of SIGINT.
 const INTERRUPTED: i32 = 130;
 
-/// The first signal ends the run with its ramp, the second one at once.
+/// The first signal ends the run with its ramp, the second Ctrl-C at once.
 static WITH_RAMP: AtomicBool = AtomicBool::new(false);
 static AT_ONCE: AtomicBool = AtomicBool::new(false);
 
@@ -117,7 +116,10 @@ fn main() -> ExitCode {
 }
 
 fn run(options: RunOptions) -> ExitCode {
+    realtime::rights::keep_heap_small();
     transport::logging::start();
+    // Dropped after the link, and after an error was said.
+    let _lines = transport::logging::queue();
     if let Err(error) = listen() {
         return failure(&format_args!("cannot listen to signals: {error}"));
     }
@@ -160,26 +162,68 @@ fn run(options: RunOptions) -> ExitCode {
     }
 }
 
-/// Says a sentence; nobody may be left to read it.
+/// Says a sentence. It waits with all else that is said, since nobody may be left to read it: who
+/// writes it here would never end.
 fn failure(sentence: &dyn std::fmt::Display) -> ExitCode {
-    let _ = writeln!(std::io::stderr(), "hrtc: {sentence}");
+    transport::logging::line(format_args!("hrtc: {sentence}"));
     ExitCode::from(2)
+}
+
+/// What a signal asks for.
+#[derive(Debug, PartialEq, Eq)]
+enum End {
+    WithRamp,
+    AtOnce,
+    /// Whatever still runs.
+    WithoutWaiting,
+}
+
+/// Only what a person presses asks for more when it comes again: `timeout` sends SIGTERM to the
+/// process and to its group, a supervisor sends it as often as it likes, and the force needs its
+/// ramp.
+fn asked(signal: i32, presses: &mut u32) -> End {
+    if signal != SIGINT {
+        return End::WithRamp;
+    }
+    *presses += 1;
+    match presses {
+        1 => End::WithRamp,
+        2 => End::AtOnce,
+        _ => End::WithoutWaiting,
+    }
 }
 
 /// Hears SIGINT, SIGTERM and SIGHUP (a closed terminal) on a thread of its own.
 fn listen() -> std::io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     let hear = move || {
-        for _ in signals.forever() {
-            if AT_ONCE.load(Ordering::Relaxed) {
-                std::process::exit(INTERRUPTED);
-            }
-            if WITH_RAMP.swap(true, Ordering::Relaxed) {
-                AT_ONCE.store(true, Ordering::Relaxed);
+        let mut presses = 0;
+        for signal in signals.forever() {
+            match asked(signal, &mut presses) {
+                End::WithRamp => WITH_RAMP.store(true, Ordering::Relaxed),
+                End::AtOnce => AT_ONCE.store(true, Ordering::Relaxed),
+                End::WithoutWaiting => std::process::exit(INTERRUPTED),
             }
         }
     };
     let thread = std::thread::Builder::new().name("hrtc-signals".to_owned());
     thread.stack_size(SIGNALS_STACK_BYTES).spawn(hear)?;
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_second_press_of_ctrl_c_cuts_the_ramp() {
+        let mut presses = 0;
+        let mut hear = |signal| asked(signal, &mut presses);
+        for signal in [SIGTERM, SIGTERM, SIGHUP, SIGTERM, SIGINT, SIGTERM, SIGHUP] {
+            assert_eq!(hear(signal), End::WithRamp, "signal {signal}");
+        }
+        assert_eq!(hear(SIGINT), End::AtOnce);
+        assert_eq!(hear(SIGTERM), End::WithRamp, "it has ended at once already");
+        assert_eq!(hear(SIGINT), End::WithoutWaiting);
+    }
 }

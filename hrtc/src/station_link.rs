@@ -10,14 +10,12 @@ pub fn call(
     address: Option<&str>,
     keys: Option<&Path>,
 ) -> Result<Option<tunnel::Tunnel>, Box<dyn Error>> {
-    use std::io::Write;
     let Some(address) = address else {
         return Ok(None);
     };
     let args = tunnel::TunnelArgs::calling(domain, address, keys.map(Path::to_path_buf));
     let tunnel = tunnel::Tunnel::start(&args, |sentence| {
-        // Nobody may be left to read it.
-        let _ = writeln!(std::io::stderr(), "link: {sentence}");
+        transport::logging::line(format_args!("link: {sentence}"));
     })?;
     Ok(Some(tunnel))
 }

@@ -1,6 +1,8 @@
 //! The real process: its signals, and outputs that nobody takes.
 
-use std::io::{BufRead, BufReader, Read, Write};
+use hrtc::recorder::replay;
+use protocol::{Hello, PROTOCOL_VERSION, Role};
+use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
 
@@ -18,11 +20,13 @@ impl Run {
 
     /// With these lines in `[loop]`.
     fn start_with(lines: &str, name: &str, arguments: &[&str]) -> Self {
-        Self::start_into(Stdio::piped(), lines, name, arguments)
+        let outputs = [Stdio::piped(), Stdio::piped()];
+        Self::start_into(outputs, lines, name, arguments)
     }
 
-    /// With a standard output.
-    fn start_into(output: Stdio, lines: &str, name: &str, arguments: &[&str]) -> Self {
+    /// With a standard output and a standard error.
+    fn start_into(outputs: [Stdio; 2], lines: &str, name: &str, arguments: &[&str]) -> Self {
+        let [output, errors] = outputs;
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("alone.toml");
         let text =
@@ -37,7 +41,7 @@ impl Run {
             .args(arguments)
             .stdin(Stdio::null())
             .stdout(output)
-            .stderr(Stdio::piped())
+            .stderr(errors)
             .spawn()
             .unwrap();
         Self {
@@ -53,13 +57,29 @@ impl Run {
         assert!(sent.success());
     }
 
-    /// Reads standard error up to a line that contains this.
-    fn wait_for(&mut self, text: &str) {
+    /// Waits until its loop has begun, or has ended.
+    fn wait_until_it_ticks(&self, is_ticking: bool) {
+        let tasks = format!("/proc/{}/task", self.child.id());
+        let ticks = || {
+            let threads = std::fs::read_dir(&tasks).unwrap();
+            let names =
+                threads.filter_map(|of| std::fs::read_to_string(of.ok()?.path().join("comm")).ok());
+            names.into_iter().any(|name| name.trim_end() == "hrtc-tick")
+        };
+        let start = std::time::Instant::now();
+        while ticks() != is_ticking {
+            assert!(start.elapsed().as_secs() < 60, "it ticks: {}", ticks());
+            std::thread::sleep(std::time::Duration::from_millis(5));
+        }
+    }
+
+    /// Reads standard error up to a line that contains this; the lines before it.
+    fn wait_for(&mut self, text: &str) -> Vec<String> {
         let mut said = Vec::new();
         let mut lines = BufReader::new(self.child.stderr.as_mut().unwrap()).lines();
         for line in lines.by_ref().map_while(Result::ok) {
             if line.contains(text) {
-                return;
+                return said;
             }
             said.push(line);
         }
@@ -123,31 +143,123 @@ fn every_signal_ends_the_run_with_its_report() {
     }
 }
 
-/// The main thread waits for whoever reads its lines.
-#[test]
-fn a_signal_ends_the_force_where_nobody_reads_the_output() {
+/// A pipe without room, as one that nobody reads, or a terminal that is paused.
+fn full_pipe() -> (PipeReader, PipeWriter) {
     let (unread, mut output) = std::io::pipe().unwrap();
     // A pipe's room (pipe(7)).
     output.write_all(&[b' '; 1 << 16]).unwrap();
-    let run = Run::start_into(output.into(), "core = -1", "unread", &["--supervised"]);
-    let tasks = format!("/proc/{}/task", run.child.id());
-    let ticks = || {
-        let threads = std::fs::read_dir(&tasks).unwrap();
-        let names =
-            threads.filter_map(|of| std::fs::read_to_string(of.ok()?.path().join("comm")).ok());
-        names.into_iter().any(|name| name.trim_end() == "hrtc-tick")
-    };
-    let until = |ended: bool| {
-        let start = std::time::Instant::now();
-        while ticks() == ended {
-            assert!(start.elapsed().as_secs() < 60, "it ticks: {}", ticks());
-            std::thread::sleep(std::time::Duration::from_millis(5));
-        }
-    };
-    until(false);
+    (unread, output)
+}
+
+#[test]
+fn a_signal_ends_the_force_where_nobody_reads_the_output() {
+    let (unread, output) = full_pipe();
+    let outputs = [output.into(), Stdio::piped()];
+    let run = Run::start_into(outputs, "core = -1", "unread", &["--supervised"]);
+    run.wait_until_it_ticks(true);
     run.signal("-TERM");
-    until(true);
+    run.wait_until_it_ticks(false);
     drop(unread);
+}
+
+/// As `timeout` and supervisors send it. The end waits for a reader, so that all of them arrive.
+#[test]
+fn sigterm_may_come_as_often_as_it_likes() {
+    let (mut unread, output) = full_pipe();
+    let outputs = [output.into(), Stdio::piped()];
+    let mut run = Run::start_into(outputs, "core = -1", "again", &["--supervised"]);
+    run.wait_until_it_ticks(true);
+    for _ in 0..4 {
+        run.signal("-TERM");
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    run.wait_until_it_ticks(false);
+    let mut text = String::new();
+    unread.read_to_string(&mut text).unwrap();
+    assert_eq!(run.child.wait().unwrap().code(), Some(0));
+    let last: serde_json::Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    assert!(last["result"]["ticks"].as_u64().unwrap() > 0, "{last}");
+}
+
+/// Longer than the log of the tick waits for whoever drains it, by far.
+const UNREAD: [&str; 2] = ["--seconds", "4"];
+
+#[test]
+fn statuses_that_nobody_reads_cost_no_tick_and_no_record() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("run.mcap");
+    let (mut unread, output) = full_pipe();
+    let outputs = [output.into(), Stdio::piped()];
+    let recorded = ["--supervised", "--record", file.to_str().unwrap()];
+    let arguments = [&recorded[..], &UNREAD].concat();
+    let mut run = Run::start_into(outputs, "core = -1", "statuses", &arguments);
+    run.wait_until_it_ticks(true);
+    run.wait_until_it_ticks(false);
+    let mut text = String::new();
+    unread.read_to_string(&mut text).unwrap();
+    assert!(run.child.wait().unwrap().success());
+    let last: serde_json::Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let result = &last["result"];
+    assert!(result["ticks"].as_u64().unwrap() > 0, "{result}");
+    assert_eq!(result["unaccounted_periods"], 0, "a tick was lost");
+    assert_eq!(result["safety"]["recording_errors"], 0);
+    let found = replay(&file).unwrap();
+    assert!(found.equal && found.whole, "{found:?}");
+}
+
+#[test]
+fn sentences_that_nobody_reads_cost_no_tick_and_are_there_for_a_late_reader() {
+    let (mut unread, errors) = full_pipe();
+    let outputs = [Stdio::piped(), errors.into()];
+    let arguments = [&["--json"][..], &UNREAD].concat();
+    let run = Run::start_into(outputs, "core = -1", "sentences", &arguments);
+    run.wait_until_it_ticks(true);
+    run.wait_until_it_ticks(false);
+    let reader = std::thread::spawn(move || {
+        let mut text = String::new();
+        unread.read_to_string(&mut text).unwrap();
+        text
+    });
+    let (status, result) = run.result();
+    assert_eq!(status.code(), Some(0), "{status}");
+    assert!(result["ticks"].as_u64().unwrap() > 0, "{result}");
+    assert_eq!(result["unaccounted_periods"], 0, "a tick was lost");
+    let said = reader.join().unwrap();
+    assert!(said.contains(TICKING), "{}", said.trim());
+}
+
+#[test]
+fn an_error_that_nobody_reads_ends_the_program() {
+    let (_unread, errors) = full_pipe();
+    let outputs = [Stdio::piped(), errors.into()];
+    let refused = ["--record", "/no/such/folder/run.mcap"];
+    let mut run = Run::start_into(outputs, "core = -1", "refused", &refused);
+    let start = std::time::Instant::now();
+    let status = loop {
+        if let Some(status) = run.child.try_wait().unwrap() {
+            break status;
+        }
+        assert!(start.elapsed().as_secs() < 60, "it does not end");
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    };
+    assert_eq!(status.code(), Some(2), "{status}");
+}
+
+#[test]
+fn another_version_of_the_station_is_named_and_one_of_a_controller_is_not() {
+    let mut run = Run::start("versions", &[]);
+    run.wait_for(TICKING);
+    let domain = transport::Domain::new(&run.domain).unwrap();
+    let node = domain.node().unwrap();
+    let hellos = domain.heartbeats(&node).unwrap().outgoing;
+    let [other, stations] = [PROTOCOL_VERSION + 1, PROTOCOL_VERSION + 2];
+    for (version, role) in [(other, Role::Controller), (stations, Role::Station)] {
+        let hello = Hello::of_version(version, role, 1, 0);
+        hellos.send_copy(hello).unwrap();
+    }
+    let said = run.wait_for(&format!("speaks protocol version {stations}"));
+    let named = format!("speaks protocol version {other}");
+    assert!(!said.iter().any(|line| line.contains(&named)), "{said:?}");
 }
 
 #[test]

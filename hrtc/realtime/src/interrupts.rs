@@ -146,7 +146,7 @@ fn is_served_by(number: u32, core: usize) -> bool {
 }
 
 /// Whether a list such as `0-3,8` has a core.
-fn has(list: &str, core: usize) -> bool {
+pub(crate) fn has(list: &str, core: usize) -> bool {
     list.trim().split(',').any(|part| {
         let (first, last) = part.split_once('-').unwrap_or((part, part));
         let of = |text: &str| text.parse::<usize>();

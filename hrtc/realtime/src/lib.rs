@@ -6,6 +6,7 @@
 //! | [`pacer`] | [`Pacer`](pacer::Pacer): absolute deadlines, skipped periods and their reasons |
 //! | [`rights`] | priority, locked memory, core and wake-up latency; clocks and counters |
 //! | [`interrupts`] | devices that interrupt the core of a loop |
+//! | [`loop_cores`] | the cores that a process may use for its loop |
 //! | [`slow_thread`] | a thread as on a slower machine, for tests |
 //! | [`core_claim`] | a core that two loops must not share |
 //! | [`counting_allocator`] | allocations and frees of a thread, counted |
@@ -32,6 +33,7 @@
 pub mod core_claim;
 pub mod counting_allocator;
 pub mod interrupts;
+pub mod loop_cores;
 pub mod pacer;
 pub mod rights;
 pub mod slow_thread;

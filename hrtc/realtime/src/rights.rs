@@ -5,6 +5,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
+use std::marker::PhantomData;
 use std::os::fd::AsRawFd;
 use thiserror::Error;
 
@@ -13,7 +14,7 @@ use thiserror::Error;
 pub enum Right {
     /// SCHED_FIFO with this priority.
     Fifo(i32),
-    /// The whole process locked in memory.
+    /// The memory of the process kept resident: see [`lock_memory`].
     LockedMemory,
     /// The thread on this core only.
     Core(usize),
@@ -117,6 +118,33 @@ pub fn set_nice(value: i32) -> Result<(), MissingRight> {
     }
 }
 
+/// A nice value of the calling thread as long as it lives; then that of before returns.
+#[derive(Debug)]
+pub struct NiceHold {
+    before: i32,
+    /// Not for another thread, whose value it would set.
+    _of_thread: PhantomData<*const ()>,
+}
+
+/// Gives the calling thread, and those that it starts meanwhile, a nice value of -20 to 19.
+///
+/// # Errors
+/// When the kernel refuses.
+pub fn hold_nice(value: i32) -> Result<NiceHold, MissingRight> {
+    // SAFETY: takes no pointers; on Linux 0 is the calling thread, not its process.
+    let before = unsafe { libc::getpriority(libc::PRIO_PROCESS, 0) };
+    set_nice(value).map(|()| NiceHold {
+        before,
+        _of_thread: PhantomData,
+    })
+}
+
+impl Drop for NiceHold {
+    fn drop(&mut self) {
+        let _ = set_nice(self.before);
+    }
+}
+
 /// Puts the calling thread on one core.
 ///
 /// # Errors
@@ -143,8 +171,9 @@ pub fn pin_to_core(core: usize) -> Result<(), MissingRight> {
     }
 }
 
-/// Cores on which a thread of this process may be put, ascending, whatever core the calling thread
-/// is on now.
+/// Cores on which a thread of this process may be put, ascending, whatever cores the calling thread
+/// is on now; those that its user means are
+/// [`own_cores`](crate::loop_cores::own_cores).
 #[must_use]
 pub fn usable_cores() -> Vec<usize> {
     // SAFETY: takes no pointers.
@@ -160,31 +189,72 @@ pub fn usable_cores() -> Vec<usize> {
     tried.unwrap_or_default()
 }
 
-/// Locks all memory of the process, present and future. Whole stacks are committed: give threads
-/// small ones.
+/// Makes all memory resident that the process has now, and keeps it so: whole stacks, tables that
+/// nothing has touched yet, the program. What a real-time thread uses is to be there before. Memory
+/// that comes later is kept as it is touched, but only where the system sets no limit: where it
+/// does, memory beyond the limit would be refused, and a program that is refused memory aborts.
 ///
 /// # Errors
-/// When the limit of locked memory is too low.
+/// When the limit of locked memory is too low for what is there now.
 pub fn lock_memory() -> Result<(), MissingRight> {
     // SAFETY: takes no pointers.
-    let code = unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) };
-    if code == 0 {
-        Ok(())
-    } else {
-        Err(Right::LockedMemory.refused())
+    if unsafe { libc::mlockall(libc::MCL_CURRENT) } != 0 {
+        return Err(Right::LockedMemory.refused());
+    }
+    if locks_without_limit() {
+        // Without MCL_CURRENT what is there stays as it is. A kernel before 4.4 refuses, and keeps
+        // what is there now all the same.
+        // SAFETY: takes no pointers.
+        unsafe { libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) };
+    }
+    Ok(())
+}
+
+/// Whether no limit of locked memory holds for this process. The kernel is asked, with addresses
+/// beyond the limit: in a container a process may have a capability in name only.
+fn locks_without_limit() -> bool {
+    let mut limit = libc::rlimit {
+        rlim_cur: 0,
+        rlim_max: 0,
+    };
+    // SAFETY: the struct lives through the call.
+    if unsafe { libc::getrlimit(libc::RLIMIT_MEMLOCK, &raw mut limit) } != 0 {
+        return false;
+    }
+    if limit.rlim_cur == libc::RLIM_INFINITY {
+        return true;
+    }
+    let beyond = usize::try_from(limit.rlim_cur).ok();
+    let Some(beyond) = beyond.and_then(|limit| limit.checked_add(1 << 16)) else {
+        return false;
+    };
+    let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE;
+    // SAFETY: a mapping of its own, which nothing else knows; it is gone before the end, and none
+    // of its pages is ever there.
+    unsafe {
+        let nowhere = std::ptr::null_mut();
+        let addresses = libc::mmap(nowhere, beyond, libc::PROT_READ, flags, -1, 0);
+        if addresses == libc::MAP_FAILED {
+            return false;
+        }
+        let code = libc::mlock2(addresses, beyond, libc::MLOCK_ONFAULT);
+        libc::munmap(addresses, beyond);
+        code == 0
     }
 }
 
-/// Lets large memory go back to the system as soon as it is freed, for the whole process: the
-/// allocator keeps it otherwise once such memory was freed before, and [`lock_memory`] then keeps
-/// it resident.
-pub fn return_freed_memory() {
+/// Keeps the allocator's memory small, for the whole process, since [`lock_memory`] makes all of it
+/// resident: large memory goes back to the system as soon as it is freed, and threads share one
+/// heap. Each would otherwise reserve 64 MiB of addresses, which count as locked where the system
+/// limits that. Before the first thread starts: one that has a heap of its own keeps it.
+pub fn keep_heap_small() {
     // Other libraries of C do so by themselves.
     #[cfg(target_env = "gnu")]
     // SAFETY: takes no pointers.
     unsafe {
         // Its own first value: setting it keeps it from growing.
         libc::mallopt(libc::M_MMAP_THRESHOLD, 128 * 1024);
+        libc::mallopt(libc::M_ARENA_MAX, 1);
     }
 }
 
@@ -386,10 +456,26 @@ mod tests {
         assert!(missing.contains("rtprio"), "{missing}");
     }
 
+    /// That of the calling thread.
+    fn nice() -> i32 {
+        // SAFETY: takes no pointers; 0 is the calling thread.
+        unsafe { libc::getpriority(libc::PRIO_PROCESS, 0) }
+    }
+
+    #[test]
+    fn a_nice_value_that_is_held_gives_way_to_that_of_before() {
+        let before = nice();
+        let Ok(held) = hold_nice(before - 1) else {
+            let _ = writeln!(std::io::stderr(), "skipped: no right to a lower nice value");
+            return;
+        };
+        assert_eq!(nice(), before - 1);
+        drop(held);
+        assert_eq!(nice(), before);
+    }
+
     #[test]
     fn a_nice_value_is_of_one_thread_and_those_it_starts() {
-        // SAFETY: takes no pointers; 0 is the calling thread.
-        let nice = || unsafe { libc::getpriority(libc::PRIO_PROCESS, 0) };
         let before = nice();
         let inner = std::thread::spawn(move || {
             // Upwards needs no right.

@@ -505,7 +505,8 @@ impl Accumulator {
                 bytes: meta.cache_bytes,
                 ..self.result.cache
             },
-            hrtc_rss_bytes: meta.rss_bytes,
+            hrtc_rss_bytes: meta.rss_bytes.peak,
+            hrtc_rss_parts: meta.rss_bytes.parts,
             slow: meta.slow,
             operations_budget: meta.operations_budget,
             query_work_budget: meta.query_work_budget,

@@ -2,8 +2,8 @@
 //! behind the percentiles, and the lines of the supervised mode.
 //!
 //! The main thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]. Its
-//! tables have a fixed size (histograms of 0.2 to 0.3 MB each), so a run of any length needs the
-//! same memory.
+//! tables have a fixed size (histograms of 8 to 172 KB, 2.1 MB together), so a run of any length
+//! needs the same memory.
 
 use crate::traffic::LinkBytes;
 use hrtc_core::Capacity;
@@ -18,11 +18,13 @@ use std::collections::BTreeMap;
 mod accumulate;
 mod fixed;
 mod governor;
+mod resident;
 mod series;
 mod words;
 
 pub use accumulate::Accumulator;
 pub use governor::{GovernorResult, MedianMin};
+pub use resident::{ResidentBytes, ResidentParts};
 pub use series::{SERIES_BUCKETS, SeriesBucket};
 
 /// Median, upper percentiles and maximum of a quantity.
@@ -366,8 +368,10 @@ pub struct RunResult {
     pub cache: CacheResult,
     /// Capacity of everything that was sized at start, with its highest fill.
     pub capacities: Vec<Capacity>,
-    /// Resident memory of the controller's process, bytes.
+    /// The most memory of the controller's process that was ever resident, bytes.
     pub hrtc_rss_bytes: u64,
+    /// What was resident at the end of the run.
+    pub hrtc_rss_parts: ResidentParts,
     /// Time from the start of both processes to the first tick that knew of a station, by its
     /// heartbeat, milliseconds; 0 without one.
     pub first_heard_ms: f64,
@@ -449,8 +453,8 @@ pub struct RunMeta {
     pub objects: u64,
     /// Limit of objects that are active at once.
     pub active_objects_max: u64,
-    /// Resident memory of this process, bytes.
-    pub rss_bytes: u64,
+    /// Resident memory of this process.
+    pub rss_bytes: ResidentBytes,
     /// Time from the start of both processes to tick 0, milliseconds; from the start of this one
     /// when it runs alone.
     pub start_to_first_tick_ms: f64,

@@ -5,11 +5,14 @@
 //! | `hrtc-tick` | the loop: devices, core, rings |
 //! | `hrtc-link` | every iceoryx2 port |
 //! | `hrtc-watchdog` | zero force when the tick does not write any more |
-//! | `hrtc-stop` | requests to end, also where the caller's waits for an output |
+//! | `hrtc-stop` | requests to end, also where the caller's thread hangs |
 //! | `hrtc-recorder`, `hrtc-disk` | the recording, see [`crate::recorder`] |
+//! | `notes`, `hrtc-status` | lines on both outputs, which no other thread waits for |
 //! | the caller's | log, messages, result |
 //!
-//! The threads meet in bounded rings.
+//! The threads meet in bounded rings. First everything is made that a tick uses, then the memory of
+//! the process is made resident. Link, figures and status start after that: theirs takes what they
+//! touch.
 
 mod drivers;
 mod loaded_scene;
@@ -19,15 +22,16 @@ mod probe_device;
 mod recording;
 mod room;
 mod shared;
+mod status_lines;
 mod tick_thread;
 mod watchdog;
 
 pub use outcome::RunError;
-pub use room::tick_core;
+pub use room::{next_tick_core, tick_core};
 
 use crate::devices::DeviceRegistry;
 use crate::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};
-use crate::recorder::OutputTap;
+use crate::recorder::Taps;
 use crate::result::Accumulator;
 use crate::setup::{ControllerSetup, ForceLimits};
 use crate::tick_record::TickRecord;
@@ -41,21 +45,24 @@ use loaded_scene::LoadedScene;
 use monitor::{Drained, Monitor};
 use probe_device::ProbeDevice;
 use protocol::{ContactReport, Encoding, Request};
-use realtime::rights::monotonic_ns;
+use realtime::rights::{keep_heap_small, monotonic_ns, touch_stack};
 use recording::RunRecording;
 use rtrb::{Consumer, RingBuffer};
 use scene::{CacheTimetable, Overrides, ScenePlan};
 use shared::Shared;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use tick_thread::{TickRings, TickThread, TickThreadEnd};
 use transport::Domain;
 use watchdog::Watchdog;
 
-/// Bytes of the rings and of the tick's stack: memory of a controller's process beside its cache,
-/// whatever the model; without those of a recording.
+/// Bytes of the rings and stacks of tick, watchdog and signals: what a controller needs beside its
+/// cache, whatever the model. Its process holds more: the program itself, the link, the figures of
+/// the run, and where it is recorded a second controller. See
+/// [`RunResult::hrtc_rss_bytes`](crate::result::RunResult::hrtc_rss_bytes).
 pub const FIXED_BYTES: usize = LOG_CAPACITY * size_of::<TickRecord>()
     + INBOX_CAPACITY * size_of::<InboxChunk>()
     + OUT_CAPACITY * (size_of::<Request>() + size_of::<ContactReport>())
@@ -98,7 +105,8 @@ pub struct RunArgs {
     pub limits: ForceLimits,
     /// Form of the result.
     pub output: Output,
-    /// Start of both processes on CLOCK_MONOTONIC, ns; this process's own when absent.
+    /// Start of both processes on CLOCK_MONOTONIC, ns, where another process started this one: it
+    /// has put it on the cores of everything but the tick. This process's own when absent.
     pub started_ns: Option<u64>,
     /// First file of the recording; `off` records nothing, and without a path it is the scene's or
     /// one in the user's state folder.
@@ -189,37 +197,22 @@ pub fn run_until(
     stop: StopFlags<'_>,
 ) -> Result<(), RunError> {
     let started_ns = args.started_ns.unwrap_or_else(monotonic_ns);
+    keep_heap_small();
+    // Dropped last: what is said before the end is written then.
+    let _lines = transport::logging::queue();
     let domain = Domain::new(&args.domain)?;
     let mut scene = LoadedScene::new(args, &domain, stop.with_ramp)?;
-    let _core = room::claim_core(&mut scene.plan.loop_);
+    let _core = room::claim_core(&mut scene.plan.loop_, args.started_ns.is_some());
     let devices = make_devices(devices, &scene)?;
     let mut setup = setup_for(args, &devices).within(args.limits);
     setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));
     let plan = &scene.plan;
     room::check(plan, setup.costs)?;
-    let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
-    let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
 
     let shared = new_shared(plan);
     let (mut recording, taps) = RunRecording::start(args.record.as_deref(), &scene, &setup)?;
-    let (recorded_outputs, recorded_chunks) = taps.map(|of| (of.outputs, of.chunks)).unzip();
-    let other_version = Arc::new(AtomicU32::new(0));
-    let (rings, requests, contacts, inbox, log) = rings(recorded_outputs);
-    let link = Link::spawn(
-        link_options(args, domain, &setup),
-        LinkEndpoints {
-            requests,
-            contacts,
-            inbox,
-            station: Arc::clone(&shared.station),
-            round_trip_us: Arc::clone(&shared.round_trip_us),
-            traffic: Arc::clone(&shared.traffic),
-            other_version: Arc::clone(&other_version),
-            recorder: recorded_chunks,
-        },
-    )?;
-    shared.refused(recording.as_mut().and_then(RunRecording::take_missing));
+    let (rings, endpoints, log) = rings(taps, &shared);
     let watchdog = watch(&devices, &shared, plan)?;
     let tick = Ticking::spawn(TickThread {
         controller,
@@ -231,12 +224,17 @@ pub fn run_until(
         seconds: args.seconds,
         slow: args.slow,
     })?;
+    let link = Link::spawn(link_options(args, domain, &setup), endpoints)?;
+    shared.refused(recording.as_mut().and_then(RunRecording::take_missing));
+    let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
+    let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
+    // Dropped before the link, which may take its time.
+    let tick = tick.begin();
     let monitor = Monitor {
         args,
         plan,
         max_force_n: setup.max_force_n,
         shared: &shared,
-        other_version: &other_version,
         started_ns,
         is_recorded: recording.is_some(),
         link: &link,
@@ -262,8 +260,7 @@ fn new_shared(plan: &ScenePlan) -> Arc<Shared> {
     })
 }
 
-/// Runs `drain`, and tells tick and watchdog of requests to end meanwhile, also where it waits for
-/// an output that nobody reads.
+/// Runs `drain`, and tells tick and watchdog of requests to end meanwhile, also where it hangs.
 ///
 /// # Errors
 /// When the operating system gives no thread.
@@ -312,21 +309,41 @@ impl Drop for SetWhenDropped<'_> {
 /// ramp.
 struct Ticking {
     shared: Arc<Shared>,
+    /// The word that it waits for before its first tick: dropped without it, it ends there.
+    go: Option<SyncSender<()>>,
     thread: Option<JoinHandle<TickThreadEnd>>,
 }
 
 impl Ticking {
+    /// Starts it, and returns when it has its rights, and with them the memory that is there now.
     fn spawn(tick: TickThread) -> Result<Self, RunError> {
+        // Where the system limits locked memory, it may refuse to a resident stack what the main
+        // thread needs later.
+        touch_stack();
         let shared = Arc::clone(&tick.shared);
+        let (ready, is_ready) = sync_channel(1);
+        let (go, may_begin) = sync_channel(1);
+        let wait = move || ready.send(()).is_ok() && may_begin.recv().is_ok();
         let thread = std::thread::Builder::new()
             .name("hrtc-tick".to_string())
             .stack_size(TICK_STACK_BYTES)
-            .spawn(move || tick.run())
+            .spawn(move || tick.run(wait))
             .map_err(RunError::Thread)?;
+        // An error: it panicked, which its end tells.
+        let _ = is_ready.recv();
         Ok(Self {
             shared,
+            go: Some(go),
             thread: Some(thread),
         })
+    }
+
+    /// Lets the ticks begin.
+    fn begin(mut self) -> Self {
+        if let Some(go) = self.go.take() {
+            let _ = go.send(());
+        }
+        self
     }
 
     /// The thread's end; `None` for a thread that hangs, which ends with the process.
@@ -342,6 +359,7 @@ impl Ticking {
 impl Drop for Ticking {
     fn drop(&mut self) {
         self.shared.stop.store(true, Ordering::Relaxed);
+        drop(self.go.take());
         if let Some(thread) = self.thread.take() {
             let _ = thread.join();
         }
@@ -373,28 +391,33 @@ fn make_devices(
     plan.probes.iter().enumerate().map(make).collect()
 }
 
-type RingEnds = (
-    TickRings,
-    Consumer<Request>,
-    Consumer<ContactReport>,
-    rtrb::Producer<InboxChunk>,
-    Consumer<TickRecord>,
-);
-
-/// The rings: the tick's ends, then the link's, then the log.
-fn rings(recorded: Option<OutputTap>) -> RingEnds {
-    let (requests_in, requests_out) = RingBuffer::new(OUT_CAPACITY);
-    let (contacts_in, contacts_out) = RingBuffer::new(OUT_CAPACITY);
-    let (inbox_in, inbox_out) = RingBuffer::new(INBOX_CAPACITY);
-    let (log_in, log_out) = RingBuffer::new(LOG_CAPACITY);
+/// The rings: the tick's ends, with its part of the recorder's; the link's, with its own; the log.
+fn rings(
+    recorded: Option<Taps>,
+    shared: &Shared,
+) -> (TickRings, LinkEndpoints, Consumer<TickRecord>) {
+    let (recorded_outputs, recorder) = recorded.map(|of| (of.outputs, of.chunks)).unzip();
+    let (requests_in, requests) = RingBuffer::new(OUT_CAPACITY);
+    let (contacts_in, contacts) = RingBuffer::new(OUT_CAPACITY);
+    let (inbox, inbox_out) = RingBuffer::new(INBOX_CAPACITY);
+    let (log_in, log) = RingBuffer::new(LOG_CAPACITY);
     let tick = TickRings {
         requests: requests_in,
         contacts: contacts_in,
         inbox: inbox_out,
         log: log_in,
-        recorded,
+        recorded: recorded_outputs,
     };
-    (tick, requests_out, contacts_out, inbox_in, log_out)
+    let link = LinkEndpoints {
+        requests,
+        contacts,
+        inbox,
+        station: Arc::clone(&shared.station),
+        round_trip_us: Arc::clone(&shared.round_trip_us),
+        traffic: Arc::clone(&shared.traffic),
+        recorder,
+    };
+    (tick, link, log)
 }
 
 fn link_options(args: &RunArgs, domain: Domain, setup: &ControllerSetup) -> LinkOptions {

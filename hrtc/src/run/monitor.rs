@@ -1,4 +1,5 @@
-//! The main thread of a run: drains the log, reports what happens, prints the result.
+//! The main thread of a run: drains the log, reports what happens, prints the result. It writes
+//! nothing itself before the tick has ended: result and recording are fed by what it drains.
 //!
 //! No error here may leave the tick alone with a force on the hand: the loop ends only when the
 //! tick has ended. A recording that cannot be written loses records with a message; an output that
@@ -7,6 +8,7 @@
 use super::outcome::{self, RunError, rights};
 use super::recording::RunRecording;
 use super::shared::Shared;
+use super::status_lines::StatusLines;
 use super::tick_thread::TickThreadEnd;
 use super::watchdog::Watchdog;
 use super::{Output, RunArgs, StopFlags};
@@ -14,16 +16,18 @@ use crate::link::LinkHandle;
 use crate::message::note;
 use crate::result::{Accumulator, Finished, RunMeta, SupervisedLine};
 use crate::tick_record::TickRecord;
-use crate::tuning::{DRAIN_PERIOD, OFF_TIMEOUT, STATION_ABSENT_NS, STATUS_PERIOD_NS};
+use crate::tuning::{
+    DRAIN_PERIOD, OFF_TIMEOUT, RECORDER_NICE, STATION_ABSENT_NS, STATUS_PERIOD_NS,
+};
 use hrtc_core::contact::sphere_proxy::MAX_CONSTRAINTS;
 use hrtc_core::governor::WorkCosts;
 use hrtc_core::{Capacity, Controller, Fault};
-use realtime::rights::monotonic_ns;
+use realtime::rights::{hold_nice, monotonic_ns};
 use rtrb::Consumer;
 use scene::{ScenePlan, TrajectoryPlan};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::Ordering;
 use std::time::Instant;
 
 /// The main thread's view of a run.
@@ -34,8 +38,6 @@ pub(super) struct Monitor<'a> {
     /// Most force by the devices and the command line, newtons.
     pub max_force_n: f64,
     pub shared: &'a Shared,
-    /// Protocol version of a foreign peer; 0 when none was heard.
-    pub other_version: &'a AtomicU32,
     /// Start of both processes on CLOCK_MONOTONIC, ns.
     pub started_ns: u64,
     pub is_recorded: bool,
@@ -51,6 +53,8 @@ pub(super) struct Drained {
     pub recorder_rings: Vec<Capacity>,
     /// The first file of the recording.
     pub recording: Option<PathBuf>,
+    /// Those of a supervised run.
+    pub status_lines: StatusLines,
     /// The first error that ended the run.
     pub error: Option<RunError>,
 }
@@ -64,7 +68,6 @@ struct Printed {
     linked_ns: u64,
     station_found: bool,
     station_absent: bool,
-    other_version: u32,
     /// Faults of objects.
     faults: Vec<(usize, Fault)>,
     expiries: u64,
@@ -114,14 +117,23 @@ impl Monitor<'_> {
             recording_errors: 0,
             recorder_rings: Vec::new(),
             recording: None,
+            status_lines: StatusLines::default(),
             error: None,
         };
+        if self.args.output == Output::Supervised {
+            match StatusLines::start(std::io::stdout()) {
+                Ok(lines) => drained.status_lines = lines,
+                Err(error) => drained.error = Some(error),
+            }
+        }
         let mut next_status = 0;
         let mut printed = Printed {
             linked_ns: monotonic_ns(),
             ..Printed::default()
         };
         let mut off_since = None;
+        // It feeds the recorder, whose thread is told of a refusal.
+        let _precedence = recording.is_some().then(|| hold_nice(RECORDER_NICE));
         loop {
             // Read before the log, so that no record comes after the last look.
             let ended = self.shared.ended.load(Ordering::Acquire);
@@ -150,8 +162,8 @@ impl Monitor<'_> {
                 next_status = now + STATUS_PERIOD_NS;
                 let mut status = drained.run.status();
                 status.station = self.shared.station.load(Ordering::Relaxed) != 0;
-                let printed = print_line(&SupervisedLine::Status { status });
-                drained.error = drained.error.or(printed.err());
+                let told = drained.status_lines.tell(status);
+                drained.error = drained.error.or(told.err());
             }
             std::thread::sleep(DRAIN_PERIOD);
         }
@@ -186,13 +198,6 @@ impl Monitor<'_> {
             for right in missing.iter() {
                 note!("{right}");
             }
-        }
-        let other = self.other_version.load(Ordering::Relaxed);
-        if other != 0 && other != printed.other_version {
-            printed.other_version = other;
-            note!(
-                "a program here speaks protocol version {other}, this one another: install the same release everywhere"
-            );
         }
         self.check_objects(printed);
         self.check_station(printed);
@@ -279,7 +284,7 @@ impl Monitor<'_> {
         }
     }
 
-    fn finish(&self, drained: Drained, end: &TickThreadEnd) -> Result<(), RunError> {
+    fn finish(&self, mut drained: Drained, end: &TickThreadEnd) -> Result<(), RunError> {
         let mut finished = drained.run.finish(self.meta(end));
         let result = &mut finished.result;
         result.safety.tick_panics = u64::from(end.panic.is_some());
@@ -303,6 +308,8 @@ impl Monitor<'_> {
         result.capacities.extend(drained.recorder_rings);
         self.print_losses(end);
         let non_finite = finished.result.non_finite.join(", ");
+        // The result is the last line.
+        drained.status_lines.finish()?;
         self.print_result(finished, drained.recording.as_deref())?;
         if non_finite.is_empty() {
             Ok(())

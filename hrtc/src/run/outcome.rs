@@ -3,7 +3,7 @@
 use crate::fetch::FetchError;
 use crate::link::LinkError;
 use crate::recorder::RecordingError;
-use crate::result::{Finished, Right, RunResult, folded};
+use crate::result::{Finished, ResidentBytes, Right, RunResult, folded};
 use crate::tuning::RECORDER_NICE;
 use hrtc_core::{Controller, Fault};
 use realtime::rights::MissingRight;
@@ -60,12 +60,12 @@ pub enum RunError {
         "the thread of the link to the station ended by a defect in hrtc; the run ended with a ramp; please report what it printed above"
     )]
     LinkEnded,
-    /// A second signal came.
-    #[error("switched off at once by a second signal, without a ramp and without a result")]
+    /// A second Ctrl-C came.
+    #[error("switched off at once by a second Ctrl-C, without a ramp and without a result")]
     SwitchedOff,
-    /// A second signal came, and the tick thread did not answer.
+    /// A second Ctrl-C came, and the tick thread did not answer.
     #[error(
-        "ended at once by a second signal, though the thread of the tick hangs; devices without a safe stop go to zero when their last wrench expires"
+        "ended at once by a second Ctrl-C, though the thread of the tick hangs; devices without a safe stop go to zero when their last wrench expires"
     )]
     TickHangs,
     /// No histogram for this period.
@@ -112,12 +112,9 @@ pub(super) fn bytes_full_mesh(header: &ModelHeader) -> u64 {
         + u64::from(header.vsps) * size_of::<VspRecord>() as u64
 }
 
-/// Resident memory of this process, bytes; 0 where the kernel does not say.
-pub(super) fn resident_bytes() -> u64 {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-    let kib = line.and_then(|line| line.split_whitespace().next()?.parse::<u64>().ok());
-    kib.unwrap_or(0) * 1024
+/// Resident memory of this process.
+pub(super) fn resident_bytes() -> ResidentBytes {
+    ResidentBytes::of(&std::fs::read_to_string("/proc/self/status").unwrap_or_default())
 }
 
 /// Every right that the tick thread and the recorder ask for, with its outcome.

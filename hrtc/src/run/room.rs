@@ -8,7 +8,8 @@ use crate::tuning::TICK_STACK_BYTES;
 use hrtc_core::governor::{TickLoad, TickNeed, WorkCosts};
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
-use realtime::rights::{obtain_processor, return_freed_memory, usable_cores};
+use realtime::loop_cores::own_cores;
+use realtime::rights::{obtain_processor, usable_cores};
 use scene::{ActiveSurface, LoopPlan, MovablePlan, ProbePlan, ProbeShape, ScenePlan};
 
 /// The core of the tick: that of the scene, or where it names none the one of this process that
@@ -16,38 +17,59 @@ use scene::{ActiveSurface, LoopPlan, MovablePlan, ProbePlan, ProbeShape, ScenePl
 #[must_use]
 pub fn tick_core(plan: &LoopPlan) -> Option<usize> {
     if plan.picks_core {
-        quiet_cores().first().map(|of| of.core)
+        quiet_cores(&usable_cores()).first().map(|of| of.core)
     } else {
         plan.core
     }
 }
 
-/// The cores of this process, the quietest first; none where there is no choice.
-fn quiet_cores() -> Vec<CoreLoad> {
-    let cores = usable_cores();
+/// The core on which a controller would tick that this process started now: as [`tick_core`], but
+/// where the scene names none, one that no other controller has.
+#[must_use]
+pub fn next_tick_core(plan: &LoopPlan) -> Option<usize> {
+    if !plan.picks_core {
+        return plan.core;
+    }
+    let cores = quiet_cores(&usable_cores());
+    choose(&cores).map(|(of, _)| of.core)
+}
+
+/// These cores, the quietest first; none where there is no choice.
+fn quiet_cores(cores: &[usize]) -> Vec<CoreLoad> {
     // The tick would keep everything else from the only one.
     if cores.len() < 2 {
         return Vec::new();
     }
-    QuietCores::look(&cores).iter().collect()
+    QuietCores::look(cores).iter().collect()
+}
+
+/// The first that no other controller has, with its claim, or else the first.
+fn choose(cores: &[CoreLoad]) -> Option<(CoreLoad, Option<CoreClaim>)> {
+    let mut free = cores
+        .iter()
+        .filter_map(|of| Some((*of, Some(CoreClaim::take(of.core)?))));
+    free.next().or_else(|| Some((*cores.first()?, None)))
 }
 
 /// Names the core of the tick in the plan, and claims it as long as the claim lives. Where the
-/// scene names none a core is preferred that no other controller has. Says which it is, when
-/// another controller has it, and when devices interrupt it.
-pub(super) fn claim_core(plan: &mut LoopPlan) -> Option<CoreClaim> {
+/// scene names none a core is preferred that no other controller has; it is one of those that the
+/// user has put this process on (`taskset`), but another process that started it has put it where
+/// everything but the tick goes. Says which it is, when another controller has it, and when devices
+/// interrupt it.
+pub(super) fn claim_core(plan: &mut LoopPlan, is_supervised: bool) -> Option<CoreClaim> {
     let mut claim = None;
     if plan.picks_core {
-        let cores = quiet_cores();
-        let free = cores.iter().find(|of| {
-            claim = CoreClaim::take(of.core);
-            claim.is_some()
-        });
-        let chosen = free.or(cores.first());
-        plan.core = chosen.map(|of| of.core);
-        if let Some(chosen) = chosen {
+        let cores = if is_supervised {
+            usable_cores()
+        } else {
+            own_cores()
+        };
+        let cores = quiet_cores(&cores);
+        if let Some((chosen, claimed)) = choose(&cores) {
             let others = cores.iter().filter(|of| of.core != chosen.core);
-            note!("{}", words(chosen, others, free.is_some()));
+            note!("{}", words(&chosen, others, claimed.is_some()));
+            plan.core = Some(chosen.core);
+            claim = claimed;
         }
     }
     let core = plan.core?;
@@ -84,8 +106,6 @@ fn words<'a>(
 /// What the counted work costs here: measured on the tick's core and with its rights. Where that
 /// does not come about the costs of the reference machine count, which is said.
 pub(super) fn measure_costs(plan: &LoopPlan, slow: f64) -> WorkCosts {
-    // Of the patch's controller nothing is to stay beside the scene's.
-    return_freed_memory();
     let (core, priority) = (plan.core, plan.priority);
     let measure = move || {
         // What is missing is told by the tick's own thread.
@@ -206,6 +226,28 @@ mod tests {
             Some(core) => assert!(usable.len() >= 2 && usable.contains(&core)),
             None => assert!(usable.len() < 2),
         }
+    }
+
+    #[test]
+    fn a_core_that_another_controller_has_is_chosen_only_where_all_are_taken() {
+        // Beyond any core, and others for every process.
+        let first = 2_000_000 + 10 * std::process::id() as usize;
+        let cores = [first, first + 1].map(|core| CoreLoad {
+            core,
+            per_minute: 0,
+        });
+        let chosen = || choose(&cores).map(|(of, claim)| (of.core - first, claim));
+        let (core, claim) = chosen().expect("there are two");
+        assert!(core == 0 && claim.is_some());
+        // The other one is not claimed beside it.
+        let (core, other) = chosen().expect("there are two");
+        assert!(core == 1 && other.is_some());
+        let (core, none) = chosen().expect("there are two");
+        assert!(core == 0 && none.is_none());
+        drop(other);
+        let (core, again) = chosen().expect("there are two");
+        assert!(core == 1 && again.is_some());
+        assert!(choose(&[]).is_none());
     }
 
     #[test]

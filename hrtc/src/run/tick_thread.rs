@@ -189,14 +189,13 @@ fn extend(lease: &Lease) -> Option<u64> {
 }
 
 impl TickThread {
-    /// Ticks until the force has ramped down after a request to stop, or until a panic.
-    pub fn run(self) -> TickThreadEnd {
+    /// Takes the rights, with them all memory that a tick uses, and ticks once it may, until the
+    /// force has ramped down after a request to stop, or until a panic.
+    pub fn run(self, may_begin: impl FnOnce() -> bool) -> TickThreadEnd {
         // Dropped last, when the devices have been.
         let _mark = EndMark(Arc::clone(&self.shared));
         let _quiet = QuietPanics::begin();
         let mut thread = self;
-        let _latency = thread.obtain_rights();
-        let mut pacer = Pacer::new(thread.plan.rate_hz, thread.plan.spin_us);
         let mut lasting = Lasting {
             outputs: TickOutputs::new(thread.devices.len()),
             arrivals: Arrivals::default(),
@@ -207,6 +206,11 @@ impl TickThread {
             drivers: Drivers::new(thread.plan.rate_hz),
             measured: None,
         };
+        let _latency = thread.obtain_rights();
+        if !may_begin() {
+            return thread.end(&lasting.high_water, None);
+        }
+        let mut pacer = Pacer::new(thread.plan.rate_hz, thread.plan.spin_us);
         thread.shared.ticking.store(true, Ordering::Release);
         let ticking = AssertUnwindSafe(|| thread.tick_until_stopped(&mut pacer, &mut lasting));
         let panic = catch_unwind(ticking).err().map(message);

@@ -123,7 +123,6 @@ struct Tick {
     contacts: Producer<ContactReport>,
     inbox: Consumer<InboxChunk>,
     station: Arc<AtomicU64>,
-    other_version: Arc<AtomicU32>,
     round_trip_us: Arc<AtomicU32>,
     recorded: Arc<Mutex<Vec<u64>>>,
     link: LinkHandle,
@@ -174,7 +173,6 @@ impl Tick {
         let (requests, requests_out) = RingBuffer::new(64);
         let (contacts, contacts_out) = RingBuffer::new(64);
         let station = Arc::new(AtomicU64::new(0));
-        let other_version = Arc::new(AtomicU32::new(0));
         let round_trip_us = Arc::new(AtomicU32::new(0));
         let link = Link::spawn(
             LinkOptions {
@@ -188,7 +186,6 @@ impl Tick {
                 contacts: contacts_out,
                 inbox: inbox_in,
                 station: Arc::clone(&station),
-                other_version: Arc::clone(&other_version),
                 round_trip_us: Arc::clone(&round_trip_us),
                 traffic: Arc::default(),
                 recorder: Some(recorder),
@@ -200,7 +197,6 @@ impl Tick {
             contacts,
             inbox,
             station,
-            other_version,
             round_trip_us,
             recorded,
             link,
@@ -452,22 +448,23 @@ fn a_station_that_comes_late_or_again_is_seen_and_one_that_leaves_is_missed() {
 }
 
 #[test]
-fn another_protocol_version_is_told_to_the_tick() {
+fn a_peer_of_another_protocol_version_is_counted_and_not_believed() {
     let domain = domain("version");
     let tick = Tick::start(&domain);
     let node = domain.node().unwrap();
-    let publisher = domain.heartbeats(&node).unwrap().outgoing;
-    until("the other version", || {
-        publisher
-            .send_copy(Hello::of_version(PROTOCOL_VERSION + 1, Role::Station, 1, 0))
-            .unwrap();
-        tick.other_version.load(Ordering::Acquire) == PROTOCOL_VERSION + 1
+    let hellos = domain.heartbeats(&node).unwrap().outgoing;
+    for role in [Role::Controller, Role::Station] {
+        let other = Hello::of_version(PROTOCOL_VERSION + 1, role, 1, 0);
+        hellos.send_copy(other).unwrap();
+    }
+    until("a station of this version", || {
+        hellos.send_copy(Hello::new(Role::Station, 34, 0)).unwrap();
+        thread::sleep(Duration::from_millis(HELLO_PERIOD_MS));
+        let station = tick.station.load(Ordering::Acquire);
+        assert_ne!(station, 1, "it is no station of ours");
+        station == 34
     });
-    assert_eq!(
-        tick.station.load(Ordering::Acquire),
-        0,
-        "it is no station of ours"
-    );
+    assert_eq!(tick.link.stop().unwrap().refused, 2);
 }
 
 #[test]
@@ -489,10 +486,7 @@ fn a_peer_of_another_byte_order_is_refused_by_both_sides() {
     swapped.client = CLIENT.swap_bytes();
     swapped.kind = (RequestKind::Model as u32).swap_bytes();
     requests.send(&swapped).unwrap();
-    until("what came after the forged ones", || {
-        tick.other_version.load(Ordering::Acquire) == PROTOCOL_VERSION + 1
-    });
-    // The station looks at heartbeats before requests: it has heard them at the second one.
+    // Both sides look at heartbeats between two requests: they have heard them at the second one.
     for _ in 0..2 {
         tick.request(RequestKind::Model, |_| {});
         tick.answer();

@@ -4,7 +4,7 @@
 //! |---|---|
 //! | `domain` | named domains, their services, ports and quality of service |
 //! | `turns` | receiving from many senders, each in its turn |
-//! | [`logging`] | notes of either process on standard error |
+//! | [`logging`] | lines of either process on standard error, which nobody waits for |
 //!
 //! ```
 //! use transport::{Domain, TransportError};

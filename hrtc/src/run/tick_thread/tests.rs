@@ -122,7 +122,7 @@ fn thread_with(read_in: u32, write_in: u32, off_takes: Duration) -> (TickThread,
 fn panicked(read_in: u32, write_in: u32) -> (String, Arc<Mutex<Told>>) {
     let (thread, told) = thread(read_in, write_in);
     let shared = Arc::clone(&thread.shared);
-    let end = thread.run();
+    let end = thread.run(|| true);
     assert!(shared.ended.load(Ordering::Relaxed));
     assert!(end.controller.is_none(), "it may be in any state");
     {
@@ -188,9 +188,21 @@ fn a_ramp_ends_at_once_when_the_wrench_has_expired() {
 fn a_run_that_is_switched_off_ends_without_a_ramp() {
     let (thread, told) = thread(0, 0);
     thread.shared.off.store(true, Ordering::Relaxed);
-    let end = thread.run();
+    let end = thread.run(|| true);
     assert!(end.panic.is_none() && end.controller.is_some());
     assert!(told.lock().unwrap().offs >= 1);
+}
+
+#[test]
+fn a_run_whose_other_threads_do_not_start_ends_before_its_first_tick() {
+    let (thread, told) = thread(1, 1);
+    let shared = Arc::clone(&thread.shared);
+    let end = thread.run(|| false);
+    // Its device would panic in that.
+    assert!(end.panic.is_none());
+    assert!(shared.ended.load(Ordering::Relaxed) && !shared.ticking.load(Ordering::Relaxed));
+    let told = told.lock().unwrap();
+    assert!(told.offs >= 1 && told.forces.is_empty());
 }
 
 struct NoStop;
@@ -208,7 +220,7 @@ fn a_device_that_is_slow_to_switch_off_at_the_end_is_not_stopped() {
     let shared = Arc::clone(&thread.shared);
     let watchdog = Watchdog::spawn(vec![Box::new(NoStop)], Arc::clone(&shared), 1).unwrap();
     shared.stop.store(true, Ordering::Relaxed);
-    let end = thread.run();
+    let end = thread.run(|| true);
     assert!(end.panic.is_none());
     drop(watchdog);
     let told = told.lock().unwrap();
