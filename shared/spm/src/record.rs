@@ -27,8 +27,8 @@ pub struct VspRecord {
     pub pos_u: [f32; 3],
     /// What is certified of vt and of vu.
     pub certified: [CertifiedCode; 2],
-    /// Code of the expected error E(i) (see [`super::ErrorScale`]); [`VspRecord::E_UNKNOWN`] in
-    /// files built without it.
+    /// Code of the expected error E(i) (see [`super::ErrorScale`]); the largest is beyond any
+    /// tolerance.
     pub e: u16,
 }
 
@@ -108,9 +108,6 @@ impl ErrorScale {
 }
 
 impl VspRecord {
-    /// The code of E in a file built without expected errors: larger than any tolerance.
-    pub const E_UNKNOWN: u16 = u16::MAX;
-
     /// Whether the split creates two faces; one at a boundary.
     #[must_use]
     pub fn has_right_face(&self) -> bool {

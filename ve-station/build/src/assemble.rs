@@ -1,13 +1,14 @@
 //! From a history to the parts of an SPM file: ids and records.
 
 use crate::cracks::widest_crack;
+use crate::default_grid::default_grid;
 use crate::error::BuildError;
 use crate::hierarchy::{add_hierarchy, level_tolerances};
 use crate::history::{History, QuarterBounds};
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
 use crate::progress::Progress;
-use crate::regions::{Model, default_grid, regions_of};
+use crate::regions::{Model, regions_of};
 use ab_tree::leaf_key;
 use geometry::Aabb;
 use glam::Vec3;

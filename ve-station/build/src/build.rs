@@ -14,7 +14,7 @@ use spm::{ErrorScale, SpmParts};
 use std::path::Path;
 
 /// Counted up whenever the builder makes another file from the same mesh; part of a cache's key.
-pub const BUILDER_VERSION: u32 = 18;
+pub const BUILDER_VERSION: u32 = 19;
 
 /// What the user may set (thesis Table 4.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -111,6 +111,8 @@ pub fn build_file(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::generate::{Shape, generate};
+    use crate::import::{MeshFormat, read_mesh_bytes};
     use crate::progress::NoProgress;
     use crate::write::write_mesh;
     use std::cell::Cell;
@@ -173,16 +175,93 @@ mod tests {
         assert!(phases.0.get() > 0);
     }
 
-    /// A cache keeps what another builder made under its version: whoever changes what is built
-    /// raises [`BUILDER_VERSION`], and notes here what it makes now.
-    #[test]
-    fn what_is_built_belongs_to_this_version_of_the_builder() {
-        let options = BuildOptions {
+    /// A number that tells bytes apart.
+    fn digest(bytes: impl IntoIterator<Item = u8>) -> u64 {
+        bytes.into_iter().fold(0, |sum: u64, byte| {
+            (sum.rotate_left(5) ^ u64::from(byte)).wrapping_mul(0x9e37_79b9_7f4a_7c15)
+        })
+    }
+
+    fn digest_of_soup(mesh: &SoupMesh) -> u64 {
+        let positions = mesh.positions.as_flattened().iter();
+        let corners = mesh.triangles.as_flattened().iter();
+        let positions = positions.flat_map(|x| x.to_bits().to_le_bytes());
+        digest(positions.chain(corners.flat_map(|v| v.to_le_bytes())))
+    }
+
+    fn digest_of_file(options: &BuildOptions) -> u64 {
+        let parts = build_model(mesh(), options, &NoProgress).unwrap();
+        let mut bytes = Vec::new();
+        spm::write_spm(&parts, &mut bytes).unwrap();
+        digest(bytes)
+    }
+
+    /// What all of the builder makes: of the mesh above the whole file, with a small base mesh and
+    /// by default, what it reads, and the shapes of which no function of a library decides a bit.
+    fn all_that_is_made() -> Vec<String> {
+        let corpus: [(&str, MeshFormat, &[u8]); 4] = [
+            (
+                "polygons.obj",
+                MeshFormat::Obj,
+                include_bytes!("../../tests/corpus/polygons.obj"),
+            ),
+            (
+                "text.stl",
+                MeshFormat::Stl,
+                include_bytes!("../../tests/corpus/text.stl"),
+            ),
+            (
+                "plate.spmtxt",
+                MeshFormat::Thesis,
+                include_bytes!("../../tests/corpus/plate.spmtxt"),
+            ),
+            (
+                "torus.cdpm",
+                MeshFormat::Thesis,
+                include_bytes!("../../tests/corpus/torus.cdpm"),
+            ),
+        ];
+        let small = BuildOptions {
             base_faces: Some(60),
             regions: Some(8),
         };
-        let parts = build_model(mesh(), &options, &NoProgress).unwrap();
-        let made = (BUILDER_VERSION, format!("{:016x}", parts.header.model));
-        assert_eq!(made, (18, "2e8d8eec2eecb80b".to_owned()));
+        let mut made = vec![
+            ("small base".to_owned(), digest_of_file(&small)),
+            (
+                "default".to_owned(),
+                digest_of_file(&BuildOptions::default()),
+            ),
+        ];
+        made.extend(corpus.map(|(name, format, bytes)| {
+            let soup = read_mesh_bytes(bytes, format).unwrap();
+            (name.to_owned(), digest_of_soup(&soup))
+        }));
+        made.extend([Shape::Plate, Shape::Wedge, Shape::Terrain].map(|shape| {
+            let soup = generate(shape, 2000, 1);
+            (shape.to_string(), digest_of_soup(&soup))
+        }));
+        let lines = made.iter().map(|(what, sum)| format!("{what} {sum:016x}"));
+        let version = format!("builder {BUILDER_VERSION}");
+        std::iter::once(version).chain(lines).collect()
+    }
+
+    /// A cache keeps what another builder made under its version: whoever changes what is built
+    /// raises [`BUILDER_VERSION`], and notes here what it makes now. (Another format of the file
+    /// changes the first two as well, and has a version of its own.)
+    #[test]
+    fn what_is_built_belongs_to_this_version_of_the_builder() {
+        let expected = [
+            "builder 19",
+            "small base 57703167f413efea",
+            "default 4346f7a58a0034a9",
+            "polygons.obj 3d3787d84cebe538",
+            "text.stl 41ea51af9c0179bc",
+            "plate.spmtxt ce553a681bfd4141",
+            "torus.cdpm 13f3797bdc11d293",
+            "plate a025a79bb230dbea",
+            "wedge 59703631a9b6fd5d",
+            "terrain 7d0236c9c928a522",
+        ];
+        assert_eq!(all_that_is_made(), expected);
     }
 }

@@ -116,7 +116,7 @@ fn choose_origin(positions: &[[f64; 3]], triangles: &[[u32; 3]]) -> DVec3 {
 }
 
 /// The box of all triangles whose vertices exist; from infinity to its negative when there is none.
-/// Those that are no faces, with the same corner twice or one beyond f32, tell nothing of where a
+/// Those that are no faces, with all corners on a line or one beyond f32, tell nothing of where a
 /// model lies.
 pub(crate) fn box_of_faces<T: Copy + Into<f64> + Sync>(
     positions: &[[T; 3]],
@@ -129,7 +129,7 @@ pub(crate) fn box_of_faces<T: Copy + Into<f64> + Sync>(
         let (lower, upper) = (a.min(b).min(c), a.max(b).max(c));
         let size = lower.abs().max(upper.abs()).max_element();
         let is_finite = a.is_finite() && b.is_finite() && c.is_finite();
-        let is_face = is_finite && size <= f64::from(f32::MAX) && a != b && b != c && c != a;
+        let is_face = is_finite && size <= f64::from(f32::MAX) && !triangle_is_degenerate(a, b, c);
         is_face.then_some([lower, upper])
     };
     triangles
@@ -228,10 +228,11 @@ mod tests {
         let corner = |x: f64, y: f64| [far[0] + x, far[1] + y, far[2]];
         let mut positions = vec![corner(0.0, 0.0), corner(200.0, 0.0), corner(0.0, 200.0)];
         positions.extend([[0.0; 3], [1e39, 0.0, 0.0], [f64::NAN; 3]]);
+        positions.extend([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
         let face = [0, 1, 2];
         let middle = DVec3::from_array(corner(100.0, 100.0));
         assert_eq!(choose_origin(&positions, &[face]), middle);
-        for other in [[3, 3, 3], [0, 3, 0], [0, 4, 1], [0, 5, 1]] {
+        for other in [[3, 3, 3], [0, 3, 0], [0, 4, 1], [0, 5, 1], [3, 6, 7]] {
             assert_eq!(
                 choose_origin(&positions, &[other, face]),
                 middle,

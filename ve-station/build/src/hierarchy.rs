@@ -46,8 +46,7 @@ pub fn add_hierarchy(parts: &mut SpmParts) {
 
 /// The tolerances of the levels (see [`spm::ModelHeader::level_tolerances`]): for every level of
 /// the grid the smallest decoded code that at most n / 4^level VSPs exceed, rounded up to f32.
-///
-/// Without expected errors ([`VspRecord::E_UNKNOWN`]) there is only the full mesh.
+/// Infinite where more than that have the largest code, which is beyond any tolerance.
 pub fn level_tolerances(
     records: &[VspRecord],
     scale: ErrorScale,
@@ -59,11 +58,8 @@ pub fn level_tolerances(
     }
     let mut tolerances = [f32::INFINITY; LEVELS];
     tolerances[0] = 0.0;
-    if counts[usize::from(VspRecord::E_UNKNOWN)] > 0 {
-        return tolerances;
-    }
     // From the largest code down: what exceeds a code only grows.
-    let (mut exceed, mut code) = (0u64, VspRecord::E_UNKNOWN);
+    let (mut exceed, mut code) = (0u64, u16::MAX);
     for level in (1..LEVELS as u32).rev() {
         if grid.at_level(level).is_none() {
             continue;
@@ -84,5 +80,50 @@ fn rounded_up(exact: f64) -> f32 {
         rounded.next_up()
     } else {
         rounded
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use spm::CertifiedCode;
+
+    fn tolerances(codes: &[u16]) -> [f32; LEVELS] {
+        let record = |&e: &u16| VspRecord {
+            i: 0,
+            vs: 0,
+            fn_: [NONE; 4],
+            leaf_l: 0,
+            leaf_r: NONE,
+            pos_t: [0.0; 3],
+            pos_u: [0.0; 3],
+            certified: [CertifiedCode::default(); 2],
+            e,
+        };
+        let records: Vec<VspRecord> = codes.iter().map(record).collect();
+        let grid = RegionGrid::new(DVec3::ZERO, DVec3::ONE, 8).unwrap();
+        level_tolerances(&records, ErrorScale::for_diagonal(1.0), &grid)
+    }
+
+    /// A grid of eight cells a side has three levels above it.
+    #[test]
+    fn a_few_errors_beyond_the_scale_take_no_level_away() {
+        const CODE: u16 = 50_000;
+        let code = rounded_up(ErrorScale::for_diagonal(1.0).decode(CODE));
+        let mut codes = [CODE; 1000];
+        assert_eq!(
+            tolerances(&codes)[..5],
+            [0.0, code, code, code, f32::INFINITY]
+        );
+        codes[..10].fill(u16::MAX);
+        assert_eq!(
+            tolerances(&codes)[..5],
+            [0.0, code, code, code, f32::INFINITY]
+        );
+        // More than a 64th, and less than a 16th, is beyond.
+        codes[..40].fill(u16::MAX);
+        let beyond = f32::INFINITY;
+        assert_eq!(tolerances(&codes)[..5], [0.0, code, code, beyond, beyond]);
     }
 }

@@ -10,7 +10,7 @@
 //! | 5 | `simplify` | quadric collapses in independent-set rounds: the `history` |
 //! | 6 | `model_error` | E of every collapse, and R and C of every vertex: the certified error |
 //! | 7 | `ids`, `assemble` | numbers and records: [`spm::SpmParts`] |
-//! | 8 | `regions` | the grid, the seeds of each region, closures |
+//! | 8 | `default_grid`, `regions` | the grid, the seeds of each region, closures |
 //! | 9 | `hierarchy` | children of each VSP, bounds of its descendants; tolerance levels |
 //! | 10 | `write` | files that appear whole or not at all |
 //!
@@ -22,6 +22,8 @@ mod build;
 mod classes;
 mod clean;
 mod cracks;
+mod default_grid;
+mod edges;
 mod error;
 pub mod generate;
 mod hierarchy;
@@ -48,6 +50,6 @@ pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use mesh::SoupMesh;
 pub use progress::{NoProgress, Progress, TerminalProgress};
 pub use write::{
-    MeshWriteError, TEMPORARY_PREFIX, check_room, make_mesh_file, max_spm_bytes, try_output,
+    MeshWriteError, check_room, make_mesh_file, max_spm_bytes, standard_output, try_output,
     write_atomically, write_mesh, write_ply, write_spm_file,
 };

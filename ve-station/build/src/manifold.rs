@@ -12,6 +12,7 @@
 
 use crate::classes::{join, root};
 use crate::clean::CleanMesh;
+use crate::edges::{Edges, Side, edge, manifold_pair, next_side};
 use crate::locks;
 use crate::tuning::input::MAX_MATCHED;
 use glam::{DVec3, Vec3};
@@ -40,76 +41,6 @@ impl ManifoldMesh {
     pub(crate) fn corners(&self, triangle: &[u32; 3]) -> [DVec3; 3] {
         triangle.map(|v| Vec3::from_array(self.positions[v as usize]).as_dvec3())
     }
-}
-
-/// A side of a face: face times three plus the corner that it starts from.
-type Side = u32;
-
-fn next_side(side: Side) -> Side {
-    if side % 3 == 2 { side - 2 } else { side + 1 }
-}
-
-/// Sides grouped by the undirected edge that they run along: those of one edge lie together,
-/// ascending, and all edges of one lower vertex. Memory: 4 B a side and 4 B a vertex.
-struct Edges<'a> {
-    corner_vertex: &'a [u32],
-    sides: Vec<Side>,
-}
-
-impl<'a> Edges<'a> {
-    fn new(corner_vertex: &'a [u32], sides: impl Iterator<Item = Side> + Clone) -> Self {
-        let lower = |side: Side| {
-            let ends = edge(corner_vertex, side);
-            ends.0 as usize
-        };
-        let vertices = corner_vertex.iter().max().map_or(0, |&v| v as usize + 1);
-        // Where the sides of each vertex start, moved on as they are put there.
-        let mut place = vec![0u32; vertices + 1];
-        for side in sides.clone() {
-            place[lower(side) + 1] += 1;
-        }
-        for vertex in 0..vertices {
-            place[vertex + 1] += place[vertex];
-        }
-        let mut sorted = vec![0; place[vertices] as usize];
-        for side in sides {
-            let at = &mut place[lower(side)];
-            sorted[*at as usize] = side;
-            *at += 1;
-        }
-        // Now each place is where the sides of the vertex end.
-        let mut start = 0;
-        for &end in &place[..vertices] {
-            sorted[start as usize..end as usize]
-                .sort_unstable_by_key(|&side| (edge(corner_vertex, side), side));
-            start = end;
-        }
-        Self {
-            corner_vertex,
-            sides: sorted,
-        }
-    }
-
-    fn groups(&self) -> impl Iterator<Item = &[Side]> {
-        self.sides
-            .chunk_by(|&x, &y| edge(self.corner_vertex, x) == edge(self.corner_vertex, y))
-    }
-}
-
-/// The undirected edge of a side.
-fn edge(corner_vertex: &[u32], side: Side) -> (u32, u32) {
-    let a = corner_vertex[side as usize];
-    let b = corner_vertex[next_side(side) as usize];
-    (a.min(b), a.max(b))
-}
-
-/// The two sides of a group when they are exactly two and run in opposite directions.
-fn manifold_pair(group: &[Side], corner_vertex: &[u32]) -> Option<(Side, Side)> {
-    let &[first, second] = group else {
-        return None;
-    };
-    let start = |side: Side| corner_vertex[side as usize];
-    (start(first) != start(second)).then_some((first, second))
 }
 
 /// The pairs of sides in which surfaces go on across an edge of more than two faces: best first,

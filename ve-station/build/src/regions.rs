@@ -33,82 +33,13 @@
 use crate::ids::Ids;
 use crate::manifold::ManifoldMesh;
 use crate::progress::Progress;
-use crate::tuning::regions::{
-    CELLS_A_FACE, FACES_A_REGION, FACES_A_TASK, MAX_SEARCHES, REGIONS_A_BATCH, REGIONS_A_TURN,
-    SURELY_TOO_MANY, TYPICAL_FACES,
-};
+use crate::tuning::regions::{FACES_A_TASK, MAX_SEARCHES, REGIONS_A_BATCH, REGIONS_A_TURN};
 use geometry::Aabb;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{BaseFace, BaseVertex};
 use spm::{NONE, RegionGrid, RegionId, VspRecord};
 use std::sync::atomic::{AtomicUsize, Ordering};
-
-/// The coarsest grid whose occupied regions own no more than that at median, and not many more
-/// where most faces are; or the finest whose faces are not scattered over too many.
-pub fn default_grid(lower: DVec3, upper: DVec3, mesh: &ManifoldMesh) -> Option<RegionGrid> {
-    let mut divisions = 1;
-    let mut coarser = None;
-    loop {
-        let grid = RegionGrid::new(lower, upper, divisions)?;
-        let finest = divisions == RegionGrid::MAX_DIVISIONS;
-        let cells: f64 = grid.cells.map(f64::from).iter().product();
-        // Not counted while even the mean of all cells is far beyond.
-        let crowded = mesh.triangles.len() as f64 > SURELY_TOO_MANY * FACES_A_REGION * cells;
-        if !crowded {
-            let owned = Owned::count(&grid, mesh);
-            if owned.pairs > CELLS_A_FACE * mesh.triangles.len() && coarser.is_some() {
-                return coarser;
-            }
-            if owned.median <= FACES_A_REGION && owned.typical <= TYPICAL_FACES {
-                return Some(grid);
-            }
-        }
-        if finest {
-            return Some(grid);
-        }
-        coarser = Some(grid);
-        divisions *= 2;
-    }
-}
-
-/// What the regions of a grid own.
-struct Owned {
-    /// Pairs of a face and a region that owns it.
-    pairs: usize,
-    /// Faces of an occupied region at median.
-    median: f64,
-    /// Faces of the region in which the median face lies: a floor of two triangles occupies many
-    /// regions, and what stands on it a few.
-    typical: f64,
-}
-
-impl Owned {
-    fn count(grid: &RegionGrid, mesh: &ManifoldMesh) -> Self {
-        let owners_of = |faces: &[[u32; 3]]| {
-            let mut owners = Vec::with_capacity(faces.len() * 3 / 2);
-            for t in faces {
-                grid.for_each_owner(mesh.corners(t), |region| owners.push(region.0));
-            }
-            owners
-        };
-        let chunks = mesh.triangles.par_chunks(FACES_A_TASK);
-        let mut owners: Vec<u32> = chunks.flat_map_iter(owners_of).collect();
-        owners.par_sort_unstable();
-        let mut counts: Vec<usize> = owners.chunk_by(|a, b| a == b).map(<[u32]>::len).collect();
-        counts.sort_unstable();
-        let mut passed = 0usize;
-        let typical = counts.iter().copied().find(|count| {
-            passed += count;
-            2 * passed > owners.len()
-        });
-        Self {
-            pairs: owners.len(),
-            median: counts[counts.len() / 2] as f64,
-            typical: typical.unwrap_or(0) as f64,
-        }
-    }
-}
 
 /// The region index and what is counted of it.
 #[derive(Debug, Default)]
@@ -487,11 +418,6 @@ fn bounds_miss_box(boxes: [Aabb; 3], lower: DVec3, upper: DVec3) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clean::clean;
-    use crate::generate::{Shape, generate};
-    use crate::manifold::cut_to_manifold;
-    use crate::mesh::SoupMesh;
-    use crate::order;
     use proptest::prelude::*;
 
     fn vector() -> impl Strategy<Value = DVec3> {
@@ -528,69 +454,6 @@ mod tests {
                 }
             }
             prop_assert!(missed > 0);
-        }
-    }
-
-    /// A cylinder with a fan of so many faces on each cap.
-    fn cylinder(ring: u32) -> ManifoldMesh {
-        let mut mesh = SoupMesh {
-            positions: vec![[0.0, 0.0, -0.5], [0.0, 0.0, 0.5]],
-            triangles: Vec::new(),
-        };
-        for k in 0..ring {
-            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(ring);
-            let (sin, cos) = angle.sin_cos();
-            mesh.positions.extend([-0.5, 0.5].map(|z| [cos, sin, z]));
-            let (a, b) = (2 + 2 * k, 2 + 2 * ((k + 1) % ring));
-            let sides = [
-                [0, b, a],
-                [1, a + 1, b + 1],
-                [a, b, a + 1],
-                [b, b + 1, a + 1],
-            ];
-            mesh.triangles.extend(sides);
-        }
-        ordered(mesh)
-    }
-
-    fn ordered(mesh: SoupMesh) -> ManifoldMesh {
-        order::in_tree_order(cut_to_manifold(&clean(mesh).unwrap()))
-    }
-
-    fn grid_of(mesh: &ManifoldMesh) -> RegionGrid {
-        let bounds = crate::assemble::bounds_of(mesh);
-        default_grid(bounds.lower.as_dvec3(), bounds.upper.as_dvec3(), mesh).unwrap()
-    }
-
-    #[test]
-    fn a_small_object_on_a_large_floor_is_shared_out_among_regions() {
-        let mut mesh = generate(Shape::Sphere, 20_000, 1);
-        let first = mesh.positions.len() as u32;
-        let corners = [[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]];
-        let corners = corners.map(|[x, y]| [x, y, -2.0]);
-        mesh.positions.extend(corners);
-        let floor = [[0, 1, 2], [0, 2, 3]];
-        mesh.triangles.extend(floor.map(|t| t.map(|k| first + k)));
-        let mesh = ordered(mesh);
-        let owned = Owned::count(&grid_of(&mesh), &mesh);
-        assert!(owned.typical <= TYPICAL_FACES, "{}", owned.typical);
-        assert!(owned.pairs <= CELLS_A_FACE * mesh.triangles.len());
-    }
-
-    #[test]
-    fn what_regions_own_grows_with_the_faces_of_a_fan_and_not_with_their_square() {
-        for ring in [500, 1000, 2000, 4000, 8000, 16_000] {
-            let mesh = cylinder(ring);
-            let grid = grid_of(&mesh);
-            let Owned { pairs, median, .. } = Owned::count(&grid, &mesh);
-            println!(
-                "{ring}: {} divisions, {pairs} pairs, median {median}",
-                grid.divisions
-            );
-            assert!(
-                pairs <= CELLS_A_FACE * mesh.triangles.len(),
-                "{ring}: {pairs}"
-            );
         }
     }
 }

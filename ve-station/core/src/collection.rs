@@ -14,7 +14,7 @@
 use crate::sparse::{IdSet, Sparse};
 use glam::DVec3;
 use protocol::Refusal;
-use spm::{BoundsScale, ErrorScale, FileError, NONE, RegionId, Section, SpmFile, VspRecord};
+use spm::{BoundsScale, ErrorScale, FileError, NONE, RegionId, Section, SpmFile};
 use std::collections::BTreeSet;
 use std::fmt;
 use thiserror::Error;
@@ -191,8 +191,8 @@ impl Search {
         });
         let scale = ErrorScale::for_diagonal(header.diagonal);
         let wanted = Wanted {
-            // An unknown error is larger than any tolerance.
-            floor: scale.floor(tolerance.into()).min(VspRecord::E_UNKNOWN - 1),
+            // Below the largest code, which is beyond any tolerance.
+            floor: scale.floor(tolerance.into()),
             reach: BoundsScale::new(header.lower, header.upper),
             within,
         };

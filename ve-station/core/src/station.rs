@@ -308,7 +308,7 @@ impl<D: AsRef<[u8]>> Station<D> {
 
     /// The next chunk of a session but for tours.
     fn answer(&mut self, at: usize, steps: &mut u64) -> Option<Chunk> {
-        if let Some(chunk) = self.sessions[at].measured_chunk() {
+        if let Some(chunk) = self.sessions[at].measured_chunk(self.clock_us) {
             return Some(self.send(at, chunk));
         }
         if !self.apply_residency_changes(at, steps) {

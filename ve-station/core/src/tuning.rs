@@ -48,6 +48,9 @@ pub mod service {
     /// Regions that a session may hold: many times what the region table of a controller has room
     /// for.
     pub const MAX_HELD: usize = 1 << 16;
+    /// Incarnations of a client that are known to be replaced: more than restart while a station
+    /// stands still, whose queues hold the requests of all of them.
+    pub const MAX_FORMER: usize = 8;
     /// Reports of contacts that wait to be measured; more replace the oldest.
     pub const MAX_CONTACTS: usize = 64;
     /// Measured errors that fit into a chunk, and that wait for credit at the most; more replace
@@ -55,7 +58,7 @@ pub mod service {
     pub const MAX_MEASURED: usize = 2 * CHUNK_SLOTS;
     /// So many measured errors are sent at once ...
     pub const MEASURED_BATCH: usize = 16;
-    /// ... or those of such a time, microseconds.
+    /// ... or whatever has waited for such a time, microseconds.
     pub const MEASURED_US: u32 = 50_000;
     /// Where a session may have fewer chunks than this under way they wait until a chunk is full,
     /// or are those of so many microseconds. A quarter of those of a local link: four objects there

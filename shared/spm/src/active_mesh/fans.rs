@@ -240,7 +240,7 @@ impl ActiveMesh {
         Some(())
     }
 
-    /// Whether `test` accepts a face around a corner of an active face.
+    /// Whether `test` accepts a face around a corner of an active face; each is shown once.
     pub fn any_around(
         &self,
         face: Handle,
@@ -248,18 +248,25 @@ impl ActiveMesh {
         mut test: impl FnMut(Handle) -> bool,
     ) -> bool {
         // Counterclockwise, a full turn or to the boundary; then the rest clockwise.
-        [1, 2].into_iter().any(|step| {
-            let mut next = Some(face);
-            while let Some(at) = next.filter(|&at| at != NONE) {
-                if test(at) {
-                    return true;
-                }
-                next = self
-                    .neighbour_at_corner(at, corner, step)
-                    .filter(|&at| at != face);
+        let mut at = face;
+        loop {
+            if test(at) {
+                return true;
             }
-            false
-        })
+            match self.neighbour_at_corner(at, corner, 1) {
+                Some(next) if next == face => return false,
+                Some(next) if next != NONE => at = next,
+                _ => break,
+            }
+        }
+        let mut next = self.neighbour_at_corner(face, corner, 2);
+        while let Some(at) = next.filter(|&at| at != NONE && at != face) {
+            if test(at) {
+                return true;
+            }
+            next = self.neighbour_at_corner(at, corner, 2);
+        }
+        false
     }
 
     /// The neighbour of a face opposite the corner `step` after `vertex`.

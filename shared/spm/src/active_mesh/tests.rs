@@ -38,6 +38,28 @@ fn hexagon(slots: u32) -> ActiveMesh {
     mesh
 }
 
+/// Around an inner vertex, around one of a boundary from either end and from between, and to the
+/// first that is accepted.
+#[test]
+fn each_face_of_a_fan_is_shown_once() {
+    let mesh = hexagon(1);
+    let shown = |face, corner, until| {
+        let mut shown = Vec::new();
+        let found = mesh.any_around(face, corner, |at| {
+            shown.push(at);
+            shown.len() == until
+        });
+        assert_eq!(found, shown.len() == until);
+        shown.sort_unstable();
+        shown
+    };
+    assert_eq!(shown(2, 0, usize::MAX), [0, 1, 2, 3, 4, 5]);
+    // Vertex 1 is the first rim vertex of face 0 and the last of face 5.
+    assert_eq!(shown(0, 1, usize::MAX), [0, 5]);
+    assert_eq!(shown(5, 1, usize::MAX), [0, 5]);
+    assert_eq!(shown(2, 0, 3).len(), 3);
+}
+
 #[test]
 fn a_split_parts_the_fan_and_a_collapse_restores_it() {
     let mut mesh = hexagon(1);

@@ -96,7 +96,7 @@ fn record() -> VspRecord {
         pos_t: [0.0, 1.0, 0.0],
         pos_u: [0.0, -1.0, 0.0],
         certified: [CertifiedCode::default(); 2],
-        e: VspRecord::E_UNKNOWN,
+        e: u16::MAX,
     }
 }
 

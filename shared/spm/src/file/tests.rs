@@ -6,6 +6,7 @@ use bytemuck::Zeroable;
 use geometry::closest_point_on_triangle;
 use glam::{DVec3, UVec3, Vec3};
 use proptest::prelude::*;
+use std::collections::BTreeSet;
 
 /// A file whose references are valid; its geometry is arbitrary, which the file does not mind.
 fn parts(base: u32, vsps: u32) -> SpmParts {
@@ -72,7 +73,7 @@ fn parts(base: u32, vsps: u32) -> SpmParts {
                 pos_t: position(),
                 pos_u: position(),
                 certified: [1, 2].map(certified),
-                e: VspRecord::E_UNKNOWN,
+                e: u16::MAX,
             })
             .collect(),
         seed_offsets: (0..=4).map(|k| k * seeds_each).collect(),
@@ -194,6 +195,30 @@ fn written_parts_are_read_back() {
         let bytes = bytes_of(&parts);
         assert_eq!(read_all(&bytes), Ok(parts));
     }
+}
+
+#[test]
+fn whatever_a_file_answers_with_makes_it_another_model() {
+    let model = |change: fn(&mut SpmParts)| {
+        let mut parts = parts(40, 64);
+        change(&mut parts);
+        parts.seal();
+        parts.header.model
+    };
+    let changes: [fn(&mut SpmParts); 9] = [
+        |_| {},
+        |p| p.base_vertices[3].position[1] += 1.0,
+        |p| p.base_faces[3].corners.swap(0, 1),
+        |p| p.quartered[3].part = 2,
+        |p| p.records[3].e -= 1,
+        |p| p.full_faces[3].corners.swap(0, 1),
+        |p| p.regions[3] = RegionId::of_cell(UVec3::new(3, 2, 0)),
+        |p| p.seeds[3] = 4,
+        // The last of the first region is the first of the next.
+        |p| p.seed_offsets[1] -= 1,
+    ];
+    let models: BTreeSet<u64> = changes.into_iter().map(model).collect();
+    assert_eq!(models.len(), changes.len());
 }
 
 #[test]
@@ -398,8 +423,8 @@ fn the_bytes_of_a_file_of_this_version_do_not_change() {
     assert_eq!(&header[..8], b"hrtc-spm");
     assert_eq!(header[8..16], [7, 0, 0, 0, 12, 0, 0, 0]);
     assert_eq!(header[16..24], (bytes.len() as u64).to_le_bytes());
-    // Another hash means another layout: count FORMAT_VERSION up.
-    assert_eq!(xxh3_64(&bytes), 0x2b6a_0f65_417f_e175);
+    // Another hash means another layout, or another id: count FORMAT_VERSION up for the first.
+    assert_eq!(xxh3_64(&bytes), 0x16f5_3e26_c95f_0057);
     let file = SpmFile::open(Aligned::new(&bytes)).unwrap();
     file.check_all().unwrap();
 }

@@ -61,8 +61,8 @@ impl SpmParts {
         }
     }
 
-    /// Fills in the content hash, over base mesh, records, full mesh, and the numbers that define
-    /// regions.
+    /// Fills in the content hash, over base mesh, records, full mesh, and the regions with their
+    /// seeds: two files that answer otherwise are two models.
     pub fn seal(&mut self) {
         let mut hash = Xxh3Default::new();
         hash.update(bytemuck::bytes_of(&self.header.origin));
@@ -72,6 +72,9 @@ impl SpmParts {
         hash.update(bytemuck::cast_slice(&self.base_faces));
         hash.update(bytemuck::cast_slice(&self.quartered));
         hash.update(bytemuck::cast_slice(&self.records));
+        hash.update(bytemuck::cast_slice(&self.regions));
+        hash.update(bytemuck::cast_slice(&self.seed_offsets));
+        hash.update(bytemuck::cast_slice(&self.seeds));
         hash.update(bytemuck::cast_slice(&self.full_faces));
         self.header.model = hash.digest();
     }

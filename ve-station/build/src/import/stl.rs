@@ -88,6 +88,8 @@ fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
     // Coordinates of the vertex that is being read, or of a normal.
     let mut coordinates: Vec<f64> = Vec::new();
     let mut in_vertex = false;
+    // Whether the solid that was begun last is whole.
+    let mut is_ended = true;
     let mut last_line = 1;
     for (line, content) in Lines::of(bytes) {
         last_line = line;
@@ -111,7 +113,9 @@ fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
                 return Err(bad("no vertex"));
             }
             coordinates.clear();
-            match word.to_ascii_lowercase().as_str() {
+            let word = word.to_ascii_lowercase();
+            is_ended = word == "endsolid";
+            match word.as_str() {
                 "solid" | "endsolid" => break,
                 "facet" | "normal" | "outer" | "endfacet" => {}
                 "loop" => corners = Some(Vec::new()),
@@ -124,10 +128,16 @@ fn read_text(bytes: &[u8]) -> Result<SoupMesh, BuildError> {
             }
         }
     }
-    if in_vertex || corners.is_some() {
+    let is_in_face = in_vertex || corners.is_some();
+    if is_in_face || !is_ended {
+        let place = if is_in_face {
+            "within a face"
+        } else {
+            "before \"endsolid\""
+        };
         return Err(BuildError::Line {
             line: last_line,
-            reason: "the STL mesh ends within a face: copy or export it again".to_string(),
+            reason: format!("the STL mesh ends {place}: copy or export it again"),
         });
     }
     soup.mesh.positions.clone_from(&positions);

@@ -391,6 +391,78 @@ fn stl_texts_on_one_line_are_read_and_broken_ones_named() {
     }
 }
 
+#[test]
+fn a_text_stl_that_is_cut_off_is_no_smaller_mesh() {
+    let whole = include_bytes!("../../../tests/corpus/text.stl");
+    assert_eq!(triangles_of(whole, "stl").unwrap().triangles.len(), 4);
+    let end = whole.windows(8).rposition(|part| part == b"endsolid");
+    let end = end.unwrap() + 8;
+    for length in 0..end {
+        let cut = read_mesh_bytes(&whole[..length], MeshFormat::Stl);
+        assert!(cut.is_err(), "cut behind {length} bytes");
+    }
+    let behind_a_face = whole.windows(7).rposition(|part| part == b"endloop");
+    let behind_a_face = behind_a_face.unwrap() + 7;
+    let error = triangles_of(&whole[..behind_a_face], "stl").unwrap_err();
+    let sentence = error.to_string();
+    assert!(sentence.contains("ends before \"endsolid\""), "{sentence}");
+    assert!(triangles_of(&whole[..end], "stl").is_ok(), "but its name");
+}
+
+#[test]
+fn an_spm_text_that_is_cut_off_is_no_coarser_mesh() {
+    let whole = include_bytes!("../../../tests/corpus/plate.spmtxt");
+    assert_eq!(triangles_of(whole, "spmtxt").unwrap().triangles.len(), 72);
+    let last = whole[..whole.len() - 1]
+        .iter()
+        .rposition(|&byte| byte == b'\n');
+    let last = last.unwrap() + 1;
+    for length in 0..=last {
+        let cut = read_mesh_bytes(&whole[..length], MeshFormat::Thesis);
+        assert!(cut.is_err(), "cut behind {length} bytes");
+    }
+    let error = triangles_of(&whole[..last], "spmtxt").unwrap_err();
+    let sentence = error.to_string();
+    assert!(
+        sentence.contains("announces 40 splits and holds 39"),
+        "{sentence}"
+    );
+    // The last split without its second face.
+    let cut = whole.iter().rposition(|&byte| byte == b'&').unwrap();
+    assert!(triangles_of(&whole[..cut], "spmtxt").is_err());
+}
+
+#[test]
+fn a_split_of_too_large_a_fan_is_not_called_wrong() {
+    let sentence = |ring: u32| {
+        let mut text = format!("b {ring} {}\n$ {1} {1} 1\n", ring + 1, ring + 2);
+        text += "v 1 0 0 0\n";
+        for k in 0..ring {
+            let angle = std::f64::consts::TAU * f64::from(k) / f64::from(ring);
+            text += &format!("v {} {} {} 0\n", k + 2, angle.cos(), angle.sin());
+        }
+        for k in 0..ring {
+            text += &format!("f {} 1 {} {} 0\n", k + 1, k + 2, (k + 1) % ring + 2);
+        }
+        // The middle, along the edges to the second vertex of the ring and to the one opposite.
+        let half = ring / 2 + 1;
+        text += &format!(
+            "v* 1 1 {} {} 0 0 0.1 0 0 -0.1 0 0 0 0 0 0 0 & {} 0 2 0 0 -1 0 0 & -{} 0 {half} 0 0 -{} 0 0\n",
+            ring + 2,
+            ring + 3,
+            ring + 1,
+            ring + 2,
+            half + 1
+        );
+        let read = triangles_of(text.as_bytes(), "spmtxt");
+        read.map_err(|error| error.to_string())
+            .map(|mesh| mesh.triangles.len())
+    };
+    assert_eq!(sentence(100), Ok(102));
+    let refused = sentence(1100).unwrap_err();
+    assert!(refused.contains("more than the 512 faces"), "{refused}");
+}
+
 /// The figures of appendix A, with the base faces that its first split needs.
 #[test]
 fn a_cdpm_refines_as_printed_in_the_thesis() {

@@ -1,5 +1,6 @@
 //! Faces and their neighbours during simplification, and which edges may collapse.
 
+use crate::edges::neighbours;
 use crate::tuning::simplify::MAX_FACES_ROUND_AN_END;
 use spm::NONE;
 
@@ -29,34 +30,22 @@ pub(super) struct Collapsible {
 }
 
 impl Topology {
-    /// The mesh must be a manifold.
+    /// Of a whole mesh.
+    ///
+    /// # Panics
+    /// When it is no manifold.
     pub fn new(triangles: &[[u32; 3]], vertices: usize) -> Self {
-        let mut neighbours = vec![[NONE; 3]; triangles.len()];
         let mut face_of = vec![NONE; vertices];
         let mut faces_round = vec![0; vertices];
-        let mut edges: Vec<(u64, u32)> = Vec::with_capacity(triangles.len() * 3);
         for (face, corners) in (0u32..).zip(triangles) {
-            for k in 0..3 {
-                face_of[corners[k] as usize] = face;
-                faces_round[corners[k] as usize] += 1;
-                let (a, b) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
-                edges.push((
-                    u64::from(a.min(b)) << 32 | u64::from(a.max(b)),
-                    3 * face + k as u32,
-                ));
-            }
-        }
-        edges.sort_unstable();
-        for pair in edges.windows(2) {
-            if pair[0].0 == pair[1].0 {
-                let (x, y) = (pair[0].1, pair[1].1);
-                neighbours[x as usize / 3][x as usize % 3] = y / 3;
-                neighbours[y as usize / 3][y as usize % 3] = x / 3;
+            for &corner in corners {
+                face_of[corner as usize] = face;
+                faces_round[corner as usize] += 1;
             }
         }
         Self {
             corners: triangles.to_vec(),
-            neighbours,
+            neighbours: neighbours(triangles).expect("a manifold"),
             face_of,
             faces_round,
             alive: triangles.len() as u32,

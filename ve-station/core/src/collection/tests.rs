@@ -3,7 +3,7 @@ use crate::testing::{model, model_bytes};
 use geometry::Aabb;
 use glam::UVec3;
 use proptest::prelude::*;
-use spm::ModelHeader;
+use spm::{ModelHeader, VspRecord};
 use spm_builder::generate::Shape;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::LazyLock;

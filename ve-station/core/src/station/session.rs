@@ -8,7 +8,7 @@ use super::residency_change::ResidencyChange;
 use crate::collection::{CollectError, RegionAt, Residency, Search};
 pub use crate::tuning::service::MAX_JOBS;
 use crate::tuning::service::{
-    MANY_CREDIT, MAX_CONTACTS, MAX_HELD, MAX_MEASURED, MAX_MEASURED_US, MEASURED_BATCH,
+    MANY_CREDIT, MAX_CONTACTS, MAX_FORMER, MAX_HELD, MAX_MEASURED, MAX_MEASURED_US, MEASURED_BATCH,
     MEASURED_CREDIT, MEASURED_US, MIN_TOUR_CREDIT, TOUR_SHARE,
 };
 use mutants::{Mutant, is};
@@ -35,8 +35,8 @@ pub struct Session {
     pub client: u64,
     pub object: u32,
     incarnation: u64,
-    /// The incarnation before: its late requests must not undo the new one's.
-    former: Option<u64>,
+    /// Incarnations before, the last ones: their late requests must not undo the new one's.
+    former: VecDeque<u64>,
     pub epoch: u32,
     broken: bool,
     /// Whether the client is still to be told so.
@@ -69,9 +69,9 @@ pub struct Session {
     /// Contacts that are to be measured, and where they ended.
     pub contacts: VecDeque<ContactReport>,
     measured: VecDeque<MeasuredError>,
-    /// The station's clock when the first and the last of them were measured: ticks are as long as
-    /// the client's loop makes them.
-    measured_us: [u32; 2],
+    /// The station's clock when the first of them was measured: ticks are as long as the client's
+    /// loop makes them.
+    measured_since_us: u32,
     /// The probe that touched last.
     measured_probe: u32,
     /// Whether the measured errors go out even if they are few.
@@ -84,7 +84,7 @@ impl Session {
             client: request.client,
             object: request.object,
             incarnation: request.incarnation,
-            former: None,
+            former: VecDeque::new(),
             epoch: request.epoch,
             broken: false,
             tells_broken: false,
@@ -103,7 +103,7 @@ impl Session {
             rolled: None,
             residency: Residency::default(),
             measured: VecDeque::new(),
-            measured_us: [0; 2],
+            measured_since_us: 0,
             measured_probe: 0,
             flush: false,
         }
@@ -112,10 +112,13 @@ impl Session {
     /// Checks the place of a request in the conversation and takes its acknowledgement.
     pub fn accept(&mut self, request: &Request, heard: u64) -> Accepted {
         if request.incarnation != self.incarnation {
-            if self.former == Some(request.incarnation) {
+            if self.former.contains(&request.incarnation) {
                 return Accepted::Stale;
             }
-            self.former = Some(self.incarnation);
+            if self.former.len() == MAX_FORMER {
+                self.former.pop_front();
+            }
+            self.former.push_back(self.incarnation);
             self.incarnation = request.incarnation;
             self.start_epoch(request.epoch);
         } else if request.epoch > self.epoch {
@@ -316,9 +319,8 @@ impl Session {
             return;
         }
         if self.measured.is_empty() {
-            self.measured_us[0] = clock_us;
+            self.measured_since_us = clock_us;
         }
-        self.measured_us[1] = clock_us;
         if self.measured.len() == MAX_MEASURED {
             self.measured.pop_front();
         }
@@ -331,13 +333,13 @@ impl Session {
         self.flush |= !self.measured.is_empty() && self.measured_probe == probe;
     }
 
-    /// The waiting measured errors, when they are enough or old enough.
-    pub fn measured_chunk(&mut self) -> Option<Chunk> {
+    /// The waiting measured errors, when they are enough, or old enough at this time of the
+    /// station's clock, whether others followed or the probe went elsewhere.
+    pub fn measured_chunk(&mut self, clock_us: u32) -> Option<Chunk> {
         if self.measured.is_empty() {
             return None;
         }
-        let [first_us, last_us] = self.measured_us;
-        let time_us = last_us.wrapping_sub(first_us);
+        let time_us = clock_us.wrapping_sub(self.measured_since_us);
         // Where few chunks may be under way, few are spent on this: answers wait behind them.
         let (most, longest_us) = if self.credit >= MEASURED_CREDIT {
             (MEASURED_BATCH, MEASURED_US)

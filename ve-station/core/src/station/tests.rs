@@ -326,6 +326,24 @@ fn the_past_does_not_disturb_a_new_incarnation() {
     assert_eq!(region_of(&parts(&[chunk]).0[0]), region);
 }
 
+/// As from the queue of a station that stood still over two restarts of its client.
+#[test]
+fn no_incarnation_of_the_past_comes_back() {
+    let mut server = station(1);
+    let mut clients = [1, 2, 3].map(|incarnation| Client {
+        incarnation,
+        ..Client::new(1)
+    });
+    for _ in 0..2 {
+        for client in &mut clients {
+            tell(&mut server, [client.request(RequestKind::Credit)]);
+        }
+    }
+    let counters = server.counters();
+    assert_eq!((counters.requests, counters.stale), (4, 2));
+    assert_eq!(counters.broken_epochs, 0);
+}
+
 #[test]
 fn one_client_too_many_is_turned_away_and_told_so() {
     let mut server = station(1);

@@ -11,14 +11,21 @@
 //! which does it.
 
 use super::{Fields, keyword_lines, refused, sum};
+use crate::edges::neighbours;
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
 use ab_tree::leaf_key;
-use spm::{ActiveMesh, Certified, CertifiedCode, NONE, OperationFaces, Sizes, VspRecord};
+use spm::{
+    ActiveMesh, Certified, CertifiedCode, NONE, OperationError, OperationFaces, Sizes, VspRecord,
+};
 
 /// What the lines say.
 #[derive(Default)]
 struct Text {
+    /// Faces and vertices that the base mesh has by `b`.
+    base: Option<[u64; 2]>,
+    /// Faces, vertices and splits that there are by `$`.
+    full: Option<[u64; 3]>,
     /// By vertex of ours: base vertices, then two a split.
     positions: Vec<[f64; 3]>,
     /// For every vertex of the file ours.
@@ -60,13 +67,58 @@ pub(super) fn read(text: &[u8]) -> Result<SoupMesh, BuildError> {
                 let split = split.ok_or_else(|| fields.bad("no next split"))?;
                 read.splits.push(split);
             }
-            // The counts are those of the lines; the cells say which region comes when.
-            "b" | "$" => {}
+            "b" => {
+                let base = counts(&mut fields);
+                read.base = Some(base.ok_or_else(|| fields.bad("no line of counts"))?);
+            }
+            "$" => {
+                let full = counts(&mut fields);
+                read.full = Some(full.ok_or_else(|| fields.bad("no line of counts"))?);
+            }
+            // The cells say which region comes when.
             _ if keyword.parse::<u32>().is_ok() => {}
             _ => return Err(fields.bad("no line of an SPM text")),
         }
     }
-    refined(&read)
+    check_counts(&read)?;
+    let mesh = refined(&read)?;
+    let faces = read.full.map_or(0, |[faces, ..]| faces);
+    check_count("faces", faces, mesh.triangles.len())?;
+    Ok(mesh)
+}
+
+/// The numbers of a line of counts.
+fn counts<'a, const N: usize>(
+    fields: &mut Fields<'a, impl Iterator<Item = &'a str>>,
+) -> Option<[u64; N]> {
+    let mut counts = [0; N];
+    for count in &mut counts {
+        *count = u64::try_from(fields.integer()?).ok()?;
+    }
+    Some(counts)
+}
+
+/// Refuses a text whose lines are not as many as it says: refined by the splits that are left it
+/// would be a coarser mesh.
+fn check_counts(read: &Text) -> Result<(), BuildError> {
+    let (Some([faces, vertices]), Some([.., splits])) = (read.base, read.full) else {
+        return Err(refused(
+            "it has no line that starts with b, or none that starts with $",
+        ));
+    };
+    let own = read.positions.len() - 2 * read.splits.len();
+    check_count("faces of the base mesh", faces, read.base_faces.len())?;
+    check_count("vertices of the base mesh", vertices, own)?;
+    check_count("splits", splits, read.splits.len())
+}
+
+fn check_count(what: &str, announced: u64, there: usize) -> Result<(), BuildError> {
+    if announced == there as u64 {
+        return Ok(());
+    }
+    Err(refused(&format!(
+        "it announces {announced} {what} and holds {there}: copy or export it again"
+    )))
 }
 
 /// `number x y z`.
@@ -246,20 +298,7 @@ fn refined(read: &Text) -> Result<SoupMesh, BuildError> {
     if base_faces == 0 {
         return Err(refused("its base mesh has no face"));
     }
-    let mut mesh = ActiveMesh::new(sizes.base_vertices, base_faces, vsps);
-    let neighbours = neighbours(&read.base_faces).ok_or_else(|| {
-        refused(
-            "an edge of its base mesh has more than two faces, or two that turn against each other",
-        )
-    })?;
-    for (k, (&corners, &across)) in (0u32..).zip(read.base_faces.iter().zip(&neighbours)) {
-        mesh.set_base_face(k, corners, across).ok_or_else(|| {
-            refused(&format!(
-                "face {} of its base mesh names a vertex twice, or one that is not there",
-                k + 1
-            ))
-        })?;
-    }
+    let mut mesh = base_mesh(read, sizes)?;
     let leaf = leaf_key(0, sizes.faces);
     let mut out = OperationFaces::new();
     for (i, split) in (0u32..).zip(&read.splits) {
@@ -275,42 +314,51 @@ fn refined(read: &Text) -> Result<SoupMesh, BuildError> {
             certified: [CertifiedCode::default(); 2],
             e: 0,
         };
-        let refused = || BuildError::Line {
+        let refused = |reason: &str| BuildError::Line {
             line: split.line,
-            reason: "the split does not fit the mesh so far: correct it".to_string(),
+            reason: reason.to_string(),
         };
-        record.validate(i, sizes).map_err(|_| refused())?;
+        let unfit = || refused("the split does not fit the mesh so far: correct it");
+        record.validate(i, sizes).map_err(|_| unfit())?;
         mesh.load(i, &record, split.vs, split.fn_, [Certified::EXACT; 2]);
         if !mesh.split_is_legal(i) {
-            return Err(refused());
+            return Err(unfit());
         }
-        mesh.split(i, &mut out).map_err(|_| refused())?;
+        mesh.split(i, &mut out).map_err(|error| match error {
+            OperationError::Damaged(_) => unfit(),
+            OperationError::TooManyFaces(_) => refused(&format!(
+                "the vertex has more than the {} faces round it that a split may change: export the full mesh in another format",
+                OperationFaces::MAX_FACES
+            )),
+        })?;
     }
     Ok(used_vertices(&mesh, &read.positions))
 }
 
-/// The face across the edge opposite each corner; `None` when the faces are no manifold.
-fn neighbours(faces: &[[u32; 3]]) -> Option<Vec<[u32; 3]>> {
-    let mut edges: Vec<([u32; 2], bool, u32, usize)> = Vec::with_capacity(3 * faces.len());
-    for (face, corners) in (0u32..).zip(faces) {
-        for k in 0..3 {
-            let (a, b) = (corners[(k + 1) % 3], corners[(k + 2) % 3]);
-            edges.push(([a.min(b), a.max(b)], a < b, face, k));
-        }
+/// The base mesh, with room for the splits.
+fn base_mesh(read: &Text, sizes: Sizes) -> Result<ActiveMesh, BuildError> {
+    let bad = |face: usize| {
+        refused(&format!(
+            "face {} of its base mesh names a vertex twice, or one that is not there",
+            face + 1
+        ))
+    };
+    // Before memory is taken for every number up to the largest.
+    let is_beyond = |face: &[u32; 3]| face.iter().any(|&v| v >= sizes.base_vertices);
+    if let Some(face) = read.base_faces.iter().position(is_beyond) {
+        return Err(bad(face));
     }
-    edges.sort_unstable();
-    let mut neighbours = vec![[NONE; 3]; faces.len()];
-    for group in edges.chunk_by(|x, y| x.0 == y.0) {
-        match *group {
-            [_] => {}
-            [(_, down, f, j), (_, up, g, k)] if down != up && f != g => {
-                neighbours[f as usize][j] = g;
-                neighbours[g as usize][k] = f;
-            }
-            _ => return None,
-        }
+    let neighbours = neighbours(&read.base_faces).ok_or_else(|| {
+        refused(
+            "an edge of its base mesh has more than two faces, or two that turn against each other",
+        )
+    })?;
+    let mut mesh = ActiveMesh::new(sizes.base_vertices, sizes.base_faces, sizes.vsps);
+    for (face, (&corners, &across)) in read.base_faces.iter().zip(&neighbours).enumerate() {
+        mesh.set_base_face(face as u32, corners, across)
+            .ok_or_else(|| bad(face))?;
     }
-    Some(neighbours)
+    Ok(mesh)
 }
 
 /// The active faces, over the vertices that they use.

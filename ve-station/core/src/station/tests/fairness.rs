@@ -3,6 +3,7 @@
 use super::client::Client;
 use super::*;
 use crate::testing::Counted;
+use crate::tuning::service::{MAX_CONTACTS, MAX_VISITS, VISITS_A_STEP};
 use proptest::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -331,10 +332,11 @@ fn turns_until_held_asking(server: &mut Station<Counted>, client: &mut Client, a
     panic!("it is never answered");
 }
 
+/// From the middle of a sphere all faces are about as far: the search would look at every box.
 #[test]
 fn a_contact_far_from_the_mesh_is_not_searched_without_end() {
-    let (mut server, mut client) = (station(1), Client::new(1));
-    let credit = client.request(RequestKind::Credit);
+    let mut server = station_of(1, model(Shape::Sphere, 20_000, 8), 1);
+    let credit = Client::new(1).request(RequestKind::Credit);
     server.handle(Message::Request(&credit));
     let mut report = ContactReport::zeroed();
     report.client = 1;
@@ -344,16 +346,21 @@ fn a_contact_far_from_the_mesh_is_not_searched_without_end() {
     let mut turns = 0;
     loop {
         let mut steps = 1;
-        while server.poll_within(1, &mut steps).is_some() {}
-        turns += 1;
+        assert_eq!(server.poll_within(1, &mut steps), None);
         if steps == 1 {
             break;
         }
+        turns += 1;
     }
-    assert!(turns > 30, "each is a step at least");
-    let counters = server.counters();
-    assert!(
-        counters.measured + counters.unmeasured <= 64,
-        "old reports make room"
+    assert_eq!(
+        turns, MAX_CONTACTS,
+        "old reports make room, and each is a step at least"
     );
+    server.handle(Message::Contact(&report));
+    let mut steps = 1000;
+    assert_eq!(server.poll_within(1, &mut steps), None);
+    assert_eq!(1000 - steps, u64::from(MAX_VISITS / VISITS_A_STEP));
+    let counters = server.counters();
+    let all = (MAX_CONTACTS + 1) as u64;
+    assert_eq!((counters.measured, counters.unmeasured), (0, all));
 }

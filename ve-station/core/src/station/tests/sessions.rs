@@ -361,6 +361,32 @@ fn a_closed_session_is_forgotten_and_begins_anew() {
     anew.check();
 }
 
+/// A probe that slides on to another object lifts off none of them.
+#[test]
+fn measured_errors_come_in_time_wherever_the_probe_went() {
+    let mut server = station_of(1, open(), 2);
+    for object in [0, 1] {
+        let credit = Client::new(1).request(RequestKind::Credit);
+        tell(&mut server, said(object, vec![credit]));
+    }
+    let mut report = ContactReport::zeroed();
+    report.client = 1;
+    report.contact = [1.4, 0.0, 0.0];
+    for (time_us, object) in [(0, 0), (10_000, 0), (20_000, 0), (30_000, 1)] {
+        server.tell_time(time_us);
+        report.object = object;
+        server.handle(Message::Contact(&report));
+        assert_eq!(server.poll(1), None, "others may follow");
+    }
+    server.tell_time(1_000_000);
+    let mut counts = [0, 0];
+    while let Some((header, _)) = server.poll(1) {
+        assert_eq!(header.kind, ChunkKind::Measured as u32);
+        counts[header.object as usize] += header.count;
+    }
+    assert_eq!(counts, [3, 1]);
+}
+
 #[test]
 fn of_clients_that_end_nothing_is_kept() {
     let mut server = station_of(1, open(), 2);
