@@ -21,7 +21,7 @@ use ve_station::serve::{ServeArgs, serve};
 
 /// Status for a bad file, option or scene.
 const BAD_INPUT: u8 = 2;
-/// Status after a second signal: 128 and the number of SIGINT.
+/// Status after a second Ctrl-C: 128 and the number of SIGINT.
 const INTERRUPTED: i32 = 130;
 
 #[derive(Debug, Parser)]
@@ -275,29 +275,31 @@ fn build(
         peak_rss_bytes: peak_rss_bytes(),
         file_bytes: report.file_bytes,
     };
-    if json {
-        print(&serde_json::to_string(&result)?)
+    let text = if json {
+        serde_json::to_string(&result)?
     } else {
-        print(&format!(
+        format!(
             "{}{:<12} {} bytes in {}, {:.1} s",
             result.facts.to_text(),
             "written",
             result.file_bytes,
             output.display(),
             result.seconds
-        ))
-    }
+        )
+    };
+    print_beside(output, &text)
 }
 
 fn generate_mesh(shape: Shape, faces: u32, seed: u64, output: &Path) -> Result<(), Box<dyn Error>> {
     let make = || generate::generate(shape, faces, seed);
     let mesh = spm_builder::make_mesh_file(output, make)?;
-    print(&format!(
+    let text = format!(
         "{shape}: {} vertices, {} faces, seed {seed}, in {}",
         mesh.positions.len(),
         mesh.triangles.len(),
         output.display()
-    ))
+    );
+    print_beside(output, &text)
 }
 
 fn inspect_file(
@@ -331,36 +333,57 @@ fn export_file(
 ) -> Result<(), Box<dyn Error>> {
     check_is_not_input(output, file)?;
     let done = export::export(file, output, format, detail)?;
-    if json {
-        print(&serde_json::to_string(&done)?)
+    let text = if json {
+        serde_json::to_string(&done)?
     } else {
-        print(&format!(
+        format!(
             "{} vertices, {} faces, {} splits: {} bytes in {}",
             done.vertices,
             done.faces,
             done.vsps,
             done.file_bytes,
             output.display()
-        ))
-    }
+        )
+    };
+    print_beside(output, &text)
 }
 
 fn serve_until_signal(options: ServeOptions) -> Result<(), Box<dyn Error>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    for signal in [SIGINT, SIGTERM, SIGHUP] {
-        // The second signal ends at once.
-        let again = Arc::clone(&stop);
-        signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, again)?;
-        signal_hook::flag::register(signal, Arc::clone(&stop))?;
-    }
+    let stop = stop_at_signals()?;
+    // Dropped after the link.
+    let _lines = transport::logging::queue();
     let listen = options.listen.as_deref();
     let _link = link::listen(&options.domain, listen, options.keys.as_deref())?;
     serve(&options.into(), &stop)?;
     Ok(())
 }
 
+/// A flag that the first signal sets. Only a second Ctrl-C ends at once: `timeout` sends SIGTERM to
+/// the process and to its group, and a person who wants more has SIGKILL.
+fn stop_at_signals() -> std::io::Result<Arc<AtomicBool>> {
+    let [stop, pressed] = [(); 2].map(|()| Arc::new(AtomicBool::new(false)));
+    let again = Arc::clone(&pressed);
+    signal_hook::flag::register_conditional_shutdown(SIGINT, INTERRUPTED, again)?;
+    signal_hook::flag::register(SIGINT, pressed)?;
+    for signal in [SIGINT, SIGTERM, SIGHUP] {
+        signal_hook::flag::register(signal, Arc::clone(&stop))?;
+    }
+    Ok(stop)
+}
+
 fn format_named(name: &str) -> Result<ExportFormat, String> {
     ExportFormat::named(name).ok_or_else(|| "choose obj, ply, stl, off, cdpm or spmtxt".to_string())
+}
+
+/// Prints a line about an output; on standard error where that is standard output: behind it, it
+/// would be part of it.
+fn print_beside(output: &Path, text: &str) -> Result<(), Box<dyn Error>> {
+    if spm_builder::standard_output(output).is_none() {
+        return print(text);
+    }
+    // Nobody may be left to read it.
+    let _ = writeln!(std::io::stderr(), "{text}");
+    Ok(())
 }
 
 /// Prints a line; a reader that went away (`| head`) is no error.

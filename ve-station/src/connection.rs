@@ -1,10 +1,10 @@
 //! Connection agent of the station: the iceoryx2 ports around the pure [`Station`], on one thread.
 //!
 //! It polls: every fifth of a millisecond what came is handed to the core, and what the core has to
-//! say is sent. Nothing here blocks, and what people are told is written by another thread; what a
-//! full queue discards shows as a gap to the receiver, and epochs heal it. Between two looks at the
-//! ports each client has a turn of a few steps; a session that waits for long, as for a tour or the
-//! closure of a whole model, is told in time that it is being made.
+//! say is sent. Nothing here blocks, and what people are told, warnings too, is written by other
+//! threads; what a full queue discards shows as a gap to the receiver, and epochs heal it. Between
+//! two looks at the ports each client has a turn of a few steps; a session that waits for long, as
+//! for a tour or the closure of a whole model, is told in time that it is being made.
 
 use crate::clients::{ClientStatus, Clients};
 use crate::telling::Teller;
@@ -50,7 +50,7 @@ pub struct Connection<D> {
     turned_away: BTreeMap<u64, Instant>,
     /// Sentences about peers already said.
     said: BTreeSet<String>,
-    /// While it serves: nothing is written on its thread.
+    /// Tells who is connected, while it serves.
     teller: Teller,
 }
 
@@ -232,7 +232,9 @@ impl<D: AsRef<[u8]>> Connection<D> {
         stop: &AtomicBool,
         tell: impl FnMut(&[ClientStatus]) + Send + 'static,
     ) {
-        self.teller = Teller::start(tell, |sentence| tracing::warn!("{sentence}"));
+        // Whoever runs it may hold none.
+        let _lines = transport::logging::queue();
+        self.teller = Teller::start(tell);
         let (mut next_hello, mut next_cleanup) = (Instant::now(), Instant::now() + CLEANUP);
         let (mut next_status, mut last_hello) = (next_cleanup, next_hello);
         while !stop.load(Ordering::Relaxed) {
@@ -261,13 +263,17 @@ impl<D: AsRef<[u8]>> Connection<D> {
             }
             if now >= next_status {
                 next_status = now + STATUS;
-                self.teller.status(self.clients.tell(now));
+                if let Some(warning) = self.teller.status(self.clients.tell(now)) {
+                    self.warn_once(warning.to_owned());
+                }
             }
             if self.waiting.is_empty() {
                 std::thread::sleep(POLL);
             }
         }
-        self.teller.end();
+        if let Some(warning) = self.teller.end() {
+            self.warn_once(warning.to_owned());
+        }
     }
 
     /// Takes in what came. Each port at most twice its buffer, so that a flood cannot stop the
@@ -327,7 +333,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
         );
         self.check("receive contacts", received);
         for note in self.station.take_notes() {
-            self.teller.warn(note);
+            tracing::warn!("{note}");
         }
     }
 
@@ -390,7 +396,7 @@ impl<D: AsRef<[u8]>> Connection<D> {
             }
         }
         for note in self.station.take_notes() {
-            self.teller.warn(note);
+            tracing::warn!("{note}");
         }
     }
 
@@ -495,8 +501,11 @@ impl<D: AsRef<[u8]>> Connection<D> {
     /// Logs a warning the first time it occurs.
     fn warn_once(&mut self, sentence: String) {
         if self.said.len() < MAX_SAID && !self.said.contains(&sentence) {
-            self.teller.warn(sentence.clone());
+            tracing::warn!("{sentence}");
             self.said.insert(sentence);
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,6 +4,8 @@
 //! cache folder (`$HRTC_CACHE`, else `hrtc/models` in the user's cache), under a name that holds
 //! the hash of the content and the versions of builder and format. Files appear there whole, by
 //! rename, and one builds at a time: of two stations that need the same model the second waits.
+//! (Where there are no locks, and between machines, both may build it; their files are equal.)
+//! Beyond 16 GiB those go that were not used for longest.
 
 use crate::file_bytes::FileBytes;
 use crate::tuning::models::NAME_CHARS;
@@ -14,14 +16,22 @@ use spm_builder::generate::{self, Shape};
 use spm_builder::{BUILDER_VERSION, BuildError, BuildOptions, MeshFormat, Progress};
 use station_core::station::{ServedModel, ServedObject};
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use thiserror::Error;
 use xxhash_rust::xxh3::Xxh3Default;
 
 /// The seed of shapes that a scene generates: a scene names shape and faces only.
 pub const GENERATE_SEED: u64 = 1;
+
+/// Bytes of built models that are kept at the most, beside those that were used of late: a hundred
+/// of a million faces.
+const MAX_BUILT_BYTES: u64 = 16 << 30;
+/// Time for which one that was used is kept, however many there are: a scene may be about to open
+/// it again.
+const KEPT: Duration = Duration::from_secs(24 * 3600);
 
 /// Why a model of the scene cannot be served: one sentence.
 #[derive(Debug, Error)]
@@ -236,7 +246,7 @@ fn build_into(
 /// Opens a file of the cache; makes it when it is not there or no longer sound, block by block.
 ///
 /// One builds at a time: who comes meanwhile waits, and finds what was built. What killed builds
-/// and other versions of the builder left behind is removed first.
+/// and other versions of the builder left behind is removed first, and what there is no room for.
 fn open_cached(
     cache: &Path,
     content: &str,
@@ -246,7 +256,9 @@ fn open_cached(
     let path = cache.join(format!("{content}-{}.spm", versions()));
     let sound = || {
         let file = open_spm(&path).ok()?;
-        file.check_all().ok().map(|()| file)
+        file.check_all().ok()?;
+        scene_files::note_use(&path);
+        Some(file)
     };
     if let Some(file) = sound() {
         return Ok(file);
@@ -255,47 +267,42 @@ fn open_cached(
     fs::create_dir_all(cache).map_err(failed)?;
     // The folder itself, so that no file is left.
     let lock = File::open(cache).map_err(failed)?;
-    if lock.try_lock().is_err() {
+    // Any other refusal: there are no locks here, and nobody can wait for another.
+    if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
         progress.phase("waiting for another build", 0);
-        lock.lock().map_err(failed)?;
+        let _ = lock.lock();
     }
     if let Some(file) = sound() {
         return Ok(file);
     }
-    remove_remains(cache, content, &path).map_err(failed)?;
+    remove_other_versions(cache, content, &path).map_err(failed)?;
+    let is_built = |name: &str| content_of(name).is_some();
+    scene_files::make_room(cache, MAX_BUILT_BYTES, KEPT, is_built);
+    // Cleans up behind killed builds.
     spm_builder::try_output(&path).map_err(failed)?;
     make(&path)?;
     open_spm(&path)
 }
 
-/// Removes temporary files of processes that were killed, and what another version made of the same
-/// content.
-fn remove_remains(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
-    let is_version = |text: &str| {
-        let numbers = text.strip_prefix('b').and_then(|t| t.split_once('f'));
-        numbers.is_some_and(|(b, f)| b.parse::<u32>().is_ok() && f.parse::<u32>().is_ok())
-    };
+/// Of what content a file of the cache was built, by its name: other files are not ours.
+fn content_of(name: &str) -> Option<&str> {
+    let (content, versions) = name.strip_suffix(".spm")?.rsplit_once('-')?;
+    let (builder, format) = versions.strip_prefix('b')?.split_once('f')?;
+    let are_numbers = [builder, format].iter().all(|n| n.parse::<u32>().is_ok());
+    are_numbers.then_some(content)
+}
+
+/// Removes what another version made of the same content.
+fn remove_other_versions(cache: &Path, content: &str, keep: &Path) -> io::Result<()> {
     for entry in fs::read_dir(cache)? {
         let path = entry?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let version = name
-            .strip_prefix(content)
-            .and_then(|rest| rest.strip_prefix('-')?.strip_suffix(".spm"));
-        let is_old = version.is_some_and(is_version) && path != keep;
-        let is_temporary = name.starts_with(spm_builder::TEMPORARY_PREFIX);
-        if is_old || is_temporary && !is_locked(&path) {
+        if content_of(&name) == Some(content) && path != keep {
             // Another user's, or gone meanwhile: it is only room.
             let _ = fs::remove_file(&path);
         }
     }
     Ok(())
-}
-
-/// Whether a process has a file locked, as one that it writes.
-fn is_locked(path: &Path) -> bool {
-    // Over NFS only what is open for writing is locked alone.
-    let opened = File::options().read(true).write(true).open(path);
-    opened.is_ok_and(|file| file.try_lock().is_err())
 }
 
 fn cache_error(path: &Path, error: io::Error) -> DatabaseError {

@@ -9,7 +9,7 @@
 //! | `file_bytes` | the bytes of a file, safe from whoever overwrites it |
 //! | [`viewer`] | `serve --view`: what a controller on this machine touches, in rerun |
 //! | [`clients`] | who is connected, and the line about it |
-//! | `telling` | what the service tells people, without waiting for them |
+//! | `telling` | who is connected, told without waiting for whoever reads |
 //! | [`connection`], [`serve`] | the iceoryx2 ports around the pure core ([`station_core`]), and the command |
 //!
 //! # Two machines
@@ -62,7 +62,7 @@
 //!
 //! ## The messages
 //! What the link says begins with `link:`, and is said again with its number when it is ten times
-//! as many.
+//! as many. The sentence on lines that are left out is anybody's.
 //!
 //! | it says | do |
 //! |---|---|
@@ -77,6 +77,7 @@
 //! | *has a tunnel already* | stop the other program, or give one of them another `--domain` |
 //! | *no station listens at*, *no station at* | start the station; look at address, port and firewall |
 //! | *nobody answers at* | call `tls/` where the station listens with `tls/`; look for who has that port |
+//! | *no encrypted link is called by an IPv6 address* | call the name for which `keys --host NAME` was run, or an IPv4 address |
 //! | *cannot be called* | mend the network or the name of the host |
 //! | *its certificate is of another authority*, *it does not know the authority* | copy the keys of both sides from one `ve-station keys` |
 //! | *has expired*, *is not valid yet*, *is not valid now* | make keys again for both sides; set the clocks right |
@@ -90,6 +91,7 @@
 //! | *the process of the tunnel ended* | nothing; if it repeats, report what it says |
 //! | *another station serves the domain* | stop one of them |
 //! | *serves as many controllers as it can* | stop one, or start another station |
+//! | *lines that nobody read in time, left out here* | nothing; read standard error, or send it to a file |
 
 pub mod clients;
 pub mod connection;

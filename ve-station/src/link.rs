@@ -6,7 +6,6 @@ use std::path::Path;
 #[cfg(feature = "tunnel")]
 mod built {
     use super::{Error, Path};
-    use std::io::Write;
     use std::time::Duration;
     use tunnel::{Tunnel, TunnelArgs};
 
@@ -27,8 +26,7 @@ mod built {
         };
         let args = TunnelArgs::listening(domain, address, keys.map(Path::to_path_buf));
         let tunnel = Tunnel::start(&args, |sentence| {
-            // Nobody may be left to read it.
-            let _ = writeln!(std::io::stderr(), "link: {sentence}");
+            transport::logging::line(format_args!("link: {sentence}"));
         })?;
         Ok(Some(tunnel))
     }

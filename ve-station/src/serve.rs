@@ -83,12 +83,14 @@ pub struct ServeReport {
 
 /// Serves a scene until `stop` is set.
 ///
-/// Tells on standard error what is served and, with the line `ready`, that requests are heard.
+/// Tells on standard error what is served and, with the line `ready`, that requests are heard; it
+/// waits for nobody to read that, but for a moment at its end.
 ///
 /// # Errors
 /// When the scene, a model or the domain cannot be used, or `stop` was set before the models were
 /// ready; nothing is served then.
 pub fn serve(args: &ServeArgs, stop: &AtomicBool) -> Result<ServeReport, ServeError> {
+    let _lines = transport::logging::queue();
     let domain = Domain::new(&args.domain)?;
     let files = NotingFiles::default();
     let plan = scene::load(&args.scene, &args.overrides, &files)?;
@@ -153,9 +155,9 @@ fn served_files(args: &ServeArgs, read: NotingFiles, station: u64) -> FileServer
     }
 }
 
-/// Prints a line on standard error; nobody may be left to read it.
+/// Says a line on standard error.
 fn note(line: &str) {
-    let _ = writeln!(std::io::stderr(), "{line}");
+    transport::logging::line(format_args!("{line}"));
 }
 
 /// The line that tells who is connected: on a terminal one that is kept up to date and goes at the

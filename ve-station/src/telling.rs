@@ -1,119 +1,70 @@
-//! What the service tells people, on a thread of its own: whoever writes to a terminal that is
-//! paused, or into a pipe that nobody reads, hangs until that ends, and heartbeats and chunks must
-//! go on meanwhile.
+//! Who is connected, told to people on a thread of its own: whoever draws on a terminal that is
+//! paused, or writes into a pipe that nobody reads, hangs until that ends, and heartbeats and
+//! chunks must go on meanwhile.
 
 use crate::clients::ClientStatus;
-use crate::tuning::link::{MAX_UNTOLD, POLL, TOLD_ENDS};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use crate::tuning::link::{POLL, TOLD_ENDS};
+use std::sync::mpsc::{SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
-/// Something to tell.
-#[derive(Debug)]
-enum Told {
-    Status(Vec<ClientStatus>),
-    Warning(String),
-}
+/// What is to be warned of when the thread has panicked.
+const PANICKED: &str = "who is connected is told no more, by a defect in ve-station: please report what it printed above";
 
 /// The end of the thread that serves: it never waits. The default tells nobody.
 #[derive(Debug, Default)]
 pub struct Teller {
-    told: Option<SyncSender<Told>>,
+    told: Option<SyncSender<Vec<ClientStatus>>>,
     thread: Option<JoinHandle<()>>,
-    /// Whether a status waits: only one does, since the next one is newer.
-    status_waits: Arc<AtomicBool>,
-    /// Warnings that found no room, until that is told.
-    left_out: u64,
 }
 
 impl Teller {
-    /// Starts the thread, on which `show` gets the statuses and `warn` the warnings.
-    pub fn start(
-        show: impl FnMut(&[ClientStatus]) + Send + 'static,
-        warn: impl FnMut(&str) + Send + 'static,
-    ) -> Self {
-        let (sender, told) = sync_channel(MAX_UNTOLD);
-        let status_waits = Arc::new(AtomicBool::new(false));
-        let waits = Arc::clone(&status_waits);
+    /// Starts the thread, on which `show` gets the statuses.
+    pub fn start(mut show: impl FnMut(&[ClientStatus]) + Send + 'static) -> Self {
+        // One status waits at the most.
+        let (sender, told) = sync_channel::<Vec<ClientStatus>>(1);
+        let tell = move || {
+            for clients in told {
+                show(&clients);
+            }
+        };
         let thread = thread::Builder::new().name("telling".to_owned());
-        match thread.spawn(move || tell(&told, &waits, show, warn)) {
+        match thread.spawn(tell) {
             Ok(thread) => Self {
                 told: Some(sender),
                 thread: Some(thread),
-                status_waits,
-                left_out: 0,
             },
             Err(error) => {
-                tracing::warn!("nothing is told of this service, no thread starts: {error}");
+                tracing::warn!("who is connected is not told, no thread starts: {error}");
                 Self::default()
             }
         }
     }
 
-    /// Tells who is connected, unless the status before waits still.
-    pub fn status(&mut self, clients: Vec<ClientStatus>) {
-        self.warn_of_left_out();
-        if !self.status_waits.swap(true, Ordering::Relaxed) && !self.send(Told::Status(clients)) {
-            self.status_waits.store(false, Ordering::Relaxed);
+    /// Tells who is connected. A status that finds another waiting is left out: the next one is
+    /// newer. Returns what is to be warned of, once.
+    #[must_use]
+    pub fn status(&mut self, clients: Vec<ClientStatus>) -> Option<&'static str> {
+        let sent = self.told.as_ref()?.try_send(clients);
+        let has_panicked = matches!(sent, Err(TrySendError::Disconnected(_)));
+        if has_panicked {
+            self.told = None;
         }
-    }
-
-    /// Tells a sentence; where too many wait, only later that some are left out.
-    pub fn warn(&mut self, sentence: String) {
-        self.warn_of_left_out();
-        if !self.send(Told::Warning(sentence)) {
-            self.left_out += 1;
-        }
+        has_panicked.then_some(PANICKED)
     }
 
     /// Waits until all is told, at most for [`TOLD_ENDS`]: who hangs then is left to end with the
-    /// process, without being dropped.
-    pub fn end(&mut self) {
-        self.warn_of_left_out();
-        self.told = None;
-        let Some(thread) = self.thread.take() else {
-            return;
-        };
+    /// process, without being dropped. Returns what is to be warned of, unless that was said.
+    #[must_use]
+    pub fn end(&mut self) -> Option<&'static str> {
+        let is_unsaid = self.told.take().is_some();
+        let thread = self.thread.take()?;
         let asked = Instant::now();
         while !thread.is_finished() && asked.elapsed() < TOLD_ENDS {
             thread::sleep(POLL);
         }
-    }
-
-    fn warn_of_left_out(&mut self) {
-        if self.left_out > 0 {
-            let count = self.left_out;
-            let sentence = format!("warnings that nobody read in time, left out here: {count}");
-            if self.send(Told::Warning(sentence)) {
-                self.left_out = 0;
-            }
-        }
-    }
-
-    /// Whether there was room.
-    fn send(&self, told: Told) -> bool {
-        let sender = self.told.as_ref();
-        sender.is_some_and(|sender| sender.try_send(told).is_ok())
-    }
-}
-
-/// The thread.
-fn tell(
-    told: &Receiver<Told>,
-    status_waits: &AtomicBool,
-    mut show: impl FnMut(&[ClientStatus]),
-    mut warn: impl FnMut(&str),
-) {
-    for told in told {
-        match told {
-            Told::Status(clients) => {
-                status_waits.store(false, Ordering::Relaxed);
-                show(&clients);
-            }
-            Told::Warning(sentence) => warn(&sentence),
-        }
+        let has_panicked = thread.is_finished() && thread.join().is_err();
+        (is_unsaid && has_panicked).then_some(PANICKED)
     }
 }
 
@@ -123,67 +74,54 @@ mod tests {
     use std::sync::mpsc::channel;
 
     #[test]
-    fn what_nobody_reads_in_time_is_left_out_and_that_is_told_later() {
+    fn a_status_that_waits_is_the_only_one() {
         let (release, held) = channel::<()>();
-        let (begun, begins) = channel();
-        let (heard, all) = channel();
-        let warn = move |sentence: &str| {
-            let _ = begun.send(());
-            // As long as nobody reads.
-            let _ = held.recv();
-            let _ = heard.send(sentence.to_owned());
-        };
-        let mut teller = Teller::start(|_| (), warn);
-        teller.warn("0".to_owned());
-        begins.recv().unwrap();
-        // One is being told, and so many wait.
-        let (fit, left_out) = (1 + MAX_UNTOLD, 2 * MAX_UNTOLD);
-        for k in 1..fit + left_out {
-            teller.warn(k.to_string());
-        }
-        drop(release);
-        let told: Vec<String> = all.iter().take(fit).collect();
-        assert!(told.into_iter().eq((0..fit).map(|k| k.to_string())));
-        teller.warn("later".to_owned());
-        teller.end();
-        let told: Vec<String> = all.iter().collect();
-        assert_eq!(told.len(), 2, "{told:?}");
-        assert!(
-            told[0].ends_with(&format!("left out here: {left_out}")),
-            "{told:?}"
-        );
-        assert_eq!(told[1], "later");
-    }
-
-    #[test]
-    fn a_status_that_waits_is_the_only_one_and_leaves_room_for_warnings() {
-        let (release, held) = channel::<()>();
-        let (heard, warnings) = channel();
         let (seen, statuses) = channel();
         let show = move |_: &[ClientStatus]| {
+            // As long as nobody reads.
             let _ = held.recv();
             let _ = seen.send(());
         };
-        let mut teller = Teller::start(show, move |of: &str| {
-            let _ = heard.send(of.to_owned());
-        });
-        for _ in 0..3 * MAX_UNTOLD {
-            teller.status(Vec::new());
+        let mut teller = Teller::start(show);
+        for _ in 0..100 {
+            assert_eq!(teller.status(Vec::new()), None);
         }
-        teller.warn("told".to_owned());
         drop(release);
-        teller.end();
-        assert_eq!(warnings.iter().collect::<Vec<_>>(), ["told"]);
+        assert_eq!(teller.end(), None);
         let shown = statuses.iter().count();
         assert!((1..=2).contains(&shown), "{shown}");
+    }
+
+    /// A thread that has panicked at the first status that it got.
+    fn panicked() -> Teller {
+        let mut teller = Teller::start(|_| panic!("made on purpose while telling"));
+        assert_eq!(teller.status(Vec::new()), None);
+        // It prints its stack where RUST_BACKTRACE is set, which takes longer than an end waits.
+        while !teller.thread.as_ref().is_some_and(JoinHandle::is_finished) {
+            thread::sleep(POLL);
+        }
+        teller
+    }
+
+    #[test]
+    fn a_thread_that_panics_is_said_once() {
+        let mut teller = panicked();
+        assert_eq!(teller.status(Vec::new()), Some(PANICKED));
+        assert_eq!(teller.status(Vec::new()), None);
+        assert_eq!(teller.end(), None);
+    }
+
+    #[test]
+    fn a_thread_that_panics_at_its_last_status_is_said_at_the_end() {
+        let mut teller = panicked();
+        assert_eq!(teller.end(), Some(PANICKED));
+        assert_eq!(teller.end(), None);
     }
 
     #[test]
     fn a_service_that_tells_nobody_goes_on() {
         let mut teller = Teller::default();
-        teller.warn("unheard".to_owned());
-        teller.status(Vec::new());
-        teller.end();
-        assert_eq!(teller.left_out, 1);
+        assert_eq!(teller.status(Vec::new()), None);
+        assert_eq!(teller.end(), None);
     }
 }

@@ -52,9 +52,7 @@ pub mod link {
     pub const REOPEN: Duration = Duration::from_millis(ANSWER_TIMEOUT_MS);
     /// Sentences about peers at the most: a noisy domain must not fill memory.
     pub const MAX_SAID: usize = 64;
-    /// Warnings that wait for somebody to read them at the most: each is said once, so few come.
-    pub const MAX_UNTOLD: usize = MAX_SAID / 2;
-    /// Time for which the end of the service waits until all is told, and the viewer has ended.
+    /// Time for which the end of the service waits until who tells has ended, and the viewer.
     pub const TOLD_ENDS: Duration = Duration::from_secs(3);
 }
 

@@ -6,11 +6,13 @@ use scene::FileKind;
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-/// How the names of temporary files begin; one that nobody has locked is left of a process that was
-/// killed.
+/// How the names of temporary files begin.
 const TEMPORARY_PREFIX: &str = ".hrtc-file-";
+/// Age from which one that nobody has locked is left of a process that was killed: whoever makes
+/// one locks it at once.
+const LEFT_AGE: Duration = Duration::from_secs(60);
 /// Bytes that all files may have together: two of the largest scenes.
 const MAX_KEPT_BYTES: u64 = 2 * MAX_SCENE_BYTES;
 
@@ -70,9 +72,7 @@ impl FileCache {
         if FileHash::of(&content) != hash {
             return None;
         }
-        // Where it cannot be noted that it was used, it goes earlier.
-        let opened = File::options().write(true).open(&path);
-        let _ = opened.and_then(|file| file.set_modified(SystemTime::now()));
+        note_use(&path);
         Some(content)
     }
 
@@ -82,7 +82,9 @@ impl FileCache {
     /// When the folder cannot be written.
     pub fn put(&self, kind: FileKind, hash: FileHash, content: &[u8]) -> io::Result<()> {
         fs::create_dir_all(&self.folder)?;
-        self.make_room(content.len() as u64);
+        remove_left(&self.folder);
+        let most = self.max_bytes.saturating_sub(content.len() as u64);
+        make_room(&self.folder, most, Duration::ZERO, is_kept_file);
         let mut file = tempfile::Builder::new()
             .prefix(TEMPORARY_PREFIX)
             .tempfile_in(&self.folder)?;
@@ -93,36 +95,48 @@ impl FileCache {
         file.persist(self.path(kind, hash)).map_err(|e| e.error)?;
         Ok(())
     }
+}
 
-    /// Removes what killed processes left, and files, those first that were not used for longest,
-    /// until so many bytes more fit. What cannot be removed stays: it is only room.
-    fn make_room(&self, bytes: u64) {
-        let Ok(entries) = fs::read_dir(&self.folder) else {
-            return;
-        };
-        let mut kept = Vec::new();
-        for entry in entries.flatten() {
-            let (name, path) = (entry.file_name(), entry.path());
-            let name = name.to_string_lossy();
-            if name.starts_with(TEMPORARY_PREFIX) {
-                if is_left(&path) {
-                    let _ = fs::remove_file(&path);
-                }
-            } else if is_kept_file(&name)
-                && let Ok(of) = entry.metadata()
-            {
-                kept.push((of.modified().unwrap_or(UNIX_EPOCH), of.len(), path));
-            }
+/// Notes that a file is used, for [`make_room`]. Where that cannot be noted, it goes earlier.
+pub fn note_use(path: &Path) {
+    let opened = File::options().write(true).open(path);
+    let _ = opened.and_then(|file| file.set_modified(SystemTime::now()));
+}
+
+/// Removes files of a folder whose name is ours, those first that were not used for longest, until
+/// the rest has at most so many bytes; none that was used within this time. What cannot be removed
+/// stays: it is only room.
+pub fn make_room(folder: &Path, max_bytes: u64, unused: Duration, is_ours: impl Fn(&str) -> bool) {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let ours = entries.filter(|entry| is_ours(&entry.file_name().to_string_lossy()));
+    let with_use = ours.filter_map(|entry| {
+        let of = entry.metadata().ok()?;
+        Some((of.modified().unwrap_or(UNIX_EPOCH), of.len(), entry.path()))
+    });
+    let mut files: Vec<(SystemTime, u64, PathBuf)> = with_use.collect();
+    files.sort();
+    let mut all: u64 = files.iter().map(|of| of.1).sum();
+    for (used, bytes, path) in files {
+        // By a clock that was set back since, it is used now.
+        let is_used = used.elapsed().unwrap_or_default() < unused;
+        if all <= max_bytes || is_used {
+            break;
         }
-        kept.sort();
-        let mut all = bytes + kept.iter().map(|of| of.1).sum::<u64>();
-        for (_, bytes, path) in kept {
-            if all <= self.max_bytes {
-                break;
-            }
-            if fs::remove_file(path).is_ok() {
-                all -= bytes;
-            }
+        if fs::remove_file(path).is_ok() {
+            all -= bytes;
+        }
+    }
+}
+
+/// Removes the temporary files that killed processes left in a folder. What cannot be removed
+/// stays: it is only room.
+fn remove_left(folder: &Path) {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    for entry in entries {
+        let name = entry.file_name();
+        let is_temporary = name.to_string_lossy().starts_with(TEMPORARY_PREFIX);
+        if is_temporary && is_left(&entry.path()) {
+            let _ = fs::remove_file(entry.path());
         }
     }
 }
@@ -137,11 +151,17 @@ fn is_kept_file(name: &str) -> bool {
     })
 }
 
-/// Whether nobody has a temporary file locked, as who writes it has.
+/// Whether nobody has a temporary file locked, as who writes it has, and it is no new one.
 fn is_left(path: &Path) -> bool {
     // Over NFS only what is open for writing is locked alone.
     let opened = File::options().read(true).write(true).open(path);
-    opened.is_ok_and(|file| file.try_lock().is_ok())
+    opened.is_ok_and(|file| is_old(&file) && file.try_lock().is_ok())
+}
+
+fn is_old(file: &File) -> bool {
+    let modified = file.metadata().and_then(|of| of.modified());
+    let age = modified.ok().and_then(|at| at.elapsed().ok());
+    age.is_some_and(|age| age > LEFT_AGE)
 }
 
 #[cfg(test)]
@@ -176,18 +196,26 @@ mod tests {
     fn what_a_killed_put_left_is_removed_and_what_is_written_stays() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
-        let [left, written] = ["left", "written"].map(|of| format!("{TEMPORARY_PREFIX}{of}"));
-        for name in [left.as_str(), &written, "notes.txt"] {
+        let temporary = ["left", "new", "written"].map(|of| format!("{TEMPORARY_PREFIX}{of}"));
+        let [left, new, written] = &temporary;
+        for name in [left.as_str(), new, written, "notes.txt"] {
             fs::write(at(name), b"0,0").unwrap();
         }
-        let writer = File::options().write(true).open(at(&written)).unwrap();
+        let long_ago = |name: &str| {
+            let file = File::options().write(true).open(at(name)).unwrap();
+            file.set_modified(UNIX_EPOCH).unwrap();
+            file
+        };
+        long_ago(left);
+        // Another one is new: whoever made it is about to lock it.
+        let writer = long_ago(written);
         writer.lock().unwrap();
         let cache = FileCache::new(folder.path());
         let (kind, content) = (FileKind::Trajectory, b"0,0,0,0\n".as_slice());
         let hash = FileHash::of(content);
         cache.put(kind, hash, content).unwrap();
         let file = format!("{hash}.csv");
-        let expected = [written.as_str(), &file, "notes.txt"];
+        let expected = [new.as_str(), written, &file, "notes.txt"];
         assert_eq!(names(folder.path()), expected);
         assert_eq!(cache.get(kind, hash).as_deref(), Some(content));
     }
@@ -217,6 +245,22 @@ mod tests {
         let kept = hashes.map(|hash| cache.get(kind, hash).is_some());
         assert_eq!(kept, [true, false, true]);
         assert_eq!(names(folder.path()).len(), 4);
+    }
+
+    #[test]
+    fn what_was_used_of_late_stays_however_much_it_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for name in ["a", "b", "c"] {
+            fs::write(at(name), [0; 10]).unwrap();
+        }
+        let file = File::options().write(true).open(at("b")).unwrap();
+        file.set_modified(UNIX_EPOCH).unwrap();
+        let hour = Duration::from_secs(3600);
+        make_room(folder.path(), 5, hour, |name| name != "c");
+        assert_eq!(names(folder.path()), ["a", "c"]);
+        make_room(folder.path(), 5, Duration::ZERO, |name| name != "c");
+        assert_eq!(names(folder.path()), ["c"]);
     }
 
     #[test]

@@ -26,7 +26,7 @@
 mod cache;
 mod package;
 
-pub use cache::{FileCache, cache_folder, recordings_folder};
+pub use cache::{FileCache, cache_folder, make_room, note_use, recordings_folder};
 pub use package::{
     MAX_FILE_BYTES, MAX_MANIFEST_BYTES, MAX_SCENE_BYTES, Manifest, ManifestFile, Package,
     PackageError,

@@ -36,11 +36,13 @@ use protocol::{
     MAX_CREDIT_CHUNKS, POSE_TOPIC, RECORDS_TOPICS, Request, RequestWord, SUBSCRIBE_TOPIC,
     records_topic,
 };
+use std::collections::BTreeMap;
 use std::fmt::Debug;
-use std::fs::DirBuilder;
+use std::fs::{DirBuilder, File, TryLockError};
 use std::io::ErrorKind;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::PathBuf;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use thiserror::Error;
 
@@ -61,6 +63,12 @@ const MAX_BORROWED: usize = 2;
 const OPEN_RECORDS: &str = "open a topic of records";
 /// Longest name of a domain, bytes.
 const MAX_NAME_BYTES: usize = 32;
+/// Tries to share the lock on a root folder, and the time between two: whoever cleans up in `/tmp`
+/// has it alone for less than this second, unless it is stopped.
+const LOCK_TRIES: (u32, Duration) = (100, Duration::from_millis(10));
+
+/// The root folders that this process has locked, until it ends.
+static HELD: Mutex<BTreeMap<PathBuf, File>> = Mutex::new(BTreeMap::new());
 
 /// An iceoryx2 node of this machine.
 pub type IpcNode = Node<ipc::Service>;
@@ -227,10 +235,16 @@ impl Domain {
 
     /// A node of this domain. Create it, and every port of it, on the thread that uses them.
     ///
+    /// From now on this process shares a lock on the root folder until it ends, or the domain's
+    /// files are removed: systemd-tmpfiles goes into no folder that is locked. Elsewhere in `/tmp`
+    /// it removes what nobody has touched for ten days, as the files of topics that are open. Where
+    /// another has it alone for a second, or there are no locks, nothing is held.
+    ///
     /// # Errors
     /// When the root folder is not this user's, or iceoryx2 refuses, after three tries.
     pub fn node(&self) -> Result<IpcNode, TransportError> {
         self.take_root()?;
+        self.hold_root();
         // iceoryx2's messages are for developers: errors only, unless IOX2_LOG_LEVEL is set.
         set_log_level_from_env_or(LogLevel::Error);
         let config = self.config()?;
@@ -273,6 +287,32 @@ impl Domain {
         Ok(())
     }
 
+    /// Shares a lock on the root folder, unless this process does already: what was removed and
+    /// made again is another folder. Where it cannot be had, the next node tries again.
+    fn hold_root(&self) {
+        let root = self.root();
+        let place = |of: std::fs::Metadata| (of.dev(), of.ino());
+        let found = std::fs::symlink_metadata(&root).map(place).ok();
+        let is_it = |folder: &File| folder.metadata().map(place).ok() == found;
+        if held().get(&root).is_some_and(is_it) {
+            return;
+        }
+        let Ok(folder) = File::open(&root) else {
+            return;
+        };
+        let (tries, pause) = LOCK_TRIES;
+        for _ in 0..tries {
+            match folder.try_lock_shared() {
+                Ok(()) => {
+                    held().insert(root, folder);
+                    return;
+                }
+                Err(TryLockError::WouldBlock) => std::thread::sleep(pause),
+                Err(TryLockError::Error(_)) => return,
+            }
+        }
+    }
+
     /// Removes the files of a domain made for a single run, after all of its processes have ended.
     ///
     /// Both folders are cleared, because iceoryx2 takes one without the other for a damaged domain.
@@ -289,6 +329,7 @@ impl Domain {
             }
         }
         let _ = std::fs::remove_dir_all(self.root());
+        held().remove(&self.root());
     }
 
     /// The topic of requests.
@@ -460,6 +501,10 @@ impl Domain {
         }
         open().map_err(|e| self.error(what, e))
     }
+}
+
+fn held() -> MutexGuard<'static, BTreeMap<PathBuf, File>> {
+    HELD.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The number of the user.

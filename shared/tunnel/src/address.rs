@@ -47,7 +47,7 @@ enum Host {
 pub enum AddressError {
     /// Not of the form.
     #[error(
-        "\"{0}\" is no address of a link: write tls/HOST, tls/HOST:PORT or tls/[IPV6]:PORT, as tls/192.168.1.10:7447, or tcp/127.0.0.1:7447 on one machine"
+        "\"{0}\" is no address of a link: write tls/HOST or tls/HOST:PORT, as tls/192.168.1.10:7447, or tcp/127.0.0.1:7447 on one machine; to listen also tls/[IPV6]:PORT"
     )]
     Form(String),
     /// Plain bytes would leave the machine.
@@ -59,6 +59,11 @@ pub enum AddressError {
         /// The address.
         address: Address,
     },
+    /// Encrypted, by an IPv6 address: zenoh asks for a certificate of `[IPV6]`, which names nobody.
+    #[error(
+        "\"{0}\" is refused: no encrypted link is called by an IPv6 address; call the station by the name for which `ve-station keys DIR --host NAME` was run, or by an IPv4 address"
+    )]
+    Ipv6(Address),
     /// No machine has this address.
     #[error("\"{0}\" names no machine to call: write the station's name or address")]
     NoMachine(Address),
@@ -77,12 +82,18 @@ impl Address {
     /// An address to call.
     ///
     /// # Errors
-    /// When it is of another form, plain and not of this machine alone, or no machine's.
+    /// When it is of another form, plain and not of this machine alone, no machine's, or an IPv6
+    /// address of an encrypted link.
     pub fn to_call(typed: &str) -> Result<Self, AddressError> {
         let address: Self = typed.parse()?;
         let is_none = |ip: &IpAddr| ip.is_unspecified() || ip.is_multicast();
         if matches!(&address.host, Host::Ip(ip) if is_none(ip)) || address.port == 0 {
             return Err(AddressError::NoMachine(address));
+        }
+        // Also where it would have to be encrypted.
+        let is_plain = address.carriage == Carriage::Tcp && address.is_loopback();
+        if matches!(address.host, Host::Ip(IpAddr::V6(_))) && !is_plain {
+            return Err(AddressError::Ipv6(address));
         }
         address.protected()
     }
@@ -246,6 +257,21 @@ mod tests {
             assert!(Address::to_listen(typed).unwrap().is_loopback(), "{typed}");
             assert!(Address::to_call(typed).is_ok(), "{typed}");
         }
+    }
+
+    #[test]
+    fn an_encrypted_link_is_called_by_no_ipv6_address() {
+        for typed in ["tls/[::1]:1", "tls/[2001:db8::7]", "tls/[::ffff:10.0.0.1]"] {
+            let error = Address::to_call(typed).unwrap_err();
+            assert!(matches!(error, AddressError::Ipv6(_)), "{typed}: {error}");
+            let sentence = error.to_string();
+            assert!(sentence.contains("--host NAME"), "{sentence}");
+            assert!(Address::to_listen(typed).is_ok(), "{typed}");
+        }
+        // What is refused is not recommended.
+        let sentence = Address::to_call("tcp/[2001:db8::7]").unwrap_err();
+        let sentence = sentence.to_string();
+        assert!(!sentence.contains("write tls/"), "{sentence}");
     }
 
     #[test]

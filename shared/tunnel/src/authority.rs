@@ -8,7 +8,7 @@ use rcgen::{
 use rustls_pki_types::ServerName;
 use std::fs::{DirBuilder, OpenOptions};
 use std::io::{ErrorKind, Write};
-use std::net::UdpSocket;
+use std::net::{Ipv6Addr, UdpSocket};
 use std::os::unix::fs::{DirBuilderExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -18,7 +18,7 @@ use time::{Duration, OffsetDateTime};
 const CLOCK_TOLERANCE: Duration = Duration::DAY;
 const SECONDS_A_DAY: u64 = 24 * 3600;
 /// Names by which every machine calls itself.
-const LOOPBACK: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
+const LOOPBACK: [&str; 2] = ["localhost", "127.0.0.1"];
 
 /// Keys that were made.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -53,6 +53,11 @@ pub enum MakeKeysError {
     /// A name that a certificate cannot hold.
     #[error("\"{0}\" is no host: write a host's name or address, without tls/ and port")]
     Name(String),
+    /// An address by which nobody calls.
+    #[error(
+        "\"{0}\" is refused: no encrypted link is called by an IPv6 address; give the station's name, or an IPv4 address"
+    )]
+    Ipv6(Ipv6Addr),
     /// A date beyond the calendar.
     #[error("certificates cannot be valid for {} days: choose fewer", .0.as_secs() / SECONDS_A_DAY)]
     Lasting(std::time::Duration),
@@ -68,7 +73,7 @@ pub enum MakeKeysError {
 /// The private key of the authority is not kept: nobody can make another certificate of it.
 ///
 /// # Errors
-/// When the folder is there already or cannot be written, or a host is none.
+/// When the folder is there already or cannot be written, or a host is none or an IPv6 address.
 pub fn make_keys(
     folder: &Path,
     hosts: &[String],
@@ -93,9 +98,7 @@ pub(crate) fn make_keys_for(
         names = names_of_this_machine();
     }
     names.extend(LOOPBACK.map(str::to_owned));
-    if let Some(bad) = names.iter().find(|&name| !is_host(name)) {
-        return Err(MakeKeysError::Name(bad.clone()));
-    }
+    let names = certified(names)?;
     let of_station = validity(Role::Station);
     let authority = authority(of_station)?;
     if folder.exists() {
@@ -148,6 +151,26 @@ fn names_of_this_machine() -> Vec<String> {
         address.ok().map(|own| own.ip().to_string()),
     ];
     names.into_iter().flatten().collect()
+}
+
+/// The names as they stand in a certificate.
+///
+/// # Errors
+/// When one is no host, or an IPv6 address.
+fn certified(mut names: Vec<String>) -> Result<Vec<String>, MakeKeysError> {
+    for name in &mut names {
+        if !is_host(name) {
+            return Err(MakeKeysError::Name(name.clone()));
+        }
+        if let Ok(address) = name.parse() {
+            return Err(MakeKeysError::Ipv6(address));
+        }
+        // Who checks a certificate takes no name in it that ends so; callers leave it out too.
+        if name.ends_with('.') {
+            name.pop();
+        }
+    }
+    Ok(names)
 }
 
 fn is_host(name: &str) -> bool {
@@ -229,9 +252,12 @@ fn write(path: &str, text: &str) -> Result<(), MakeKeysError> {
 
 #[cfg(test)]
 mod tests {
-    use super::is_host;
+    use super::{MakeKeysError, is_host, make_keys};
     use crate::address::Address;
     use std::net::IpAddr;
+    use std::time::Duration;
+
+    const DAY: Duration = Duration::from_secs(24 * 3600);
 
     /// Addresses with colons stand in brackets, so only names are looked at.
     #[test]
@@ -246,5 +272,33 @@ mod tests {
             let address = Address::to_call(&format!("tls/{name}"));
             assert!(address.is_ok(), "{name}: {address:?}");
         }
+    }
+
+    #[test]
+    fn the_station_can_be_called_by_every_name_in_its_certificate() {
+        let folder = tempfile::tempdir().unwrap();
+        let hosts = ["Station.lab.", "192.168.1.10", "station"].map(str::to_owned);
+        for (name, hosts) in [("of-hosts", hosts.to_vec()), ("of-machine", Vec::new())] {
+            let made = make_keys(&folder.path().join(name), &hosts, DAY).unwrap();
+            for name in &made.names {
+                let address = Address::to_call(&format!("tls/{name}"));
+                assert!(address.is_ok(), "{name}: {address:?}");
+                assert!(!name.ends_with('.'), "{name} fits no caller");
+            }
+            let is_named = |name: &str| made.names.iter().any(|of| of == name);
+            assert_eq!(is_named("Station.lab"), !hosts.is_empty());
+            assert!(is_named("localhost"), "{:?}", made.names);
+        }
+    }
+
+    #[test]
+    fn keys_are_made_for_no_ipv6_address() {
+        let folder = tempfile::tempdir().unwrap();
+        for typed in ["::1", "2001:db8::7", "::ffff:10.0.0.1"] {
+            let error = make_keys(&folder.path().join("keys"), &[typed.to_owned()], DAY);
+            let error = error.unwrap_err();
+            assert!(matches!(error, MakeKeysError::Ipv6(_)), "{typed}: {error}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 }

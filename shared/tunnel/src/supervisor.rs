@@ -27,7 +27,7 @@ const ONE_THREAD: [&str; 2] = [
 /// Time in which a tunnel is ready or says why not: it waits for the tunnel before to end (2.5 s),
 /// opens a domain and a port, and waits half a second for those that it calls.
 const READY_TIMEOUT: Duration = Duration::from_secs(20);
-/// Time in which a tunnel ends when asked.
+/// Time in which a tunnel ends when asked, and again in which it does when killed.
 const END_TIMEOUT: Duration = Duration::from_secs(3);
 /// Time between two looks whether it has.
 const END_POLL: Duration = Duration::from_millis(5);
@@ -144,15 +144,26 @@ impl Drop for Tunnel {
         let Some(thread) = self.thread.take() else {
             return;
         };
-        let asked = Instant::now();
-        while !thread.is_finished() && asked.elapsed() < END_TIMEOUT {
-            std::thread::sleep(END_POLL);
+        if !ends_in_time(&thread) {
+            if let Some(child) = &mut self.process.lock().child {
+                let _ = child.kill();
+            }
+            ends_in_time(&thread);
         }
-        if let Some(child) = &mut self.process.lock().child {
-            let _ = child.kill();
+        // One that hangs, in its owner's report for example, ends with the program.
+        if thread.is_finished() {
+            let _ = thread.join();
         }
-        let _ = thread.join();
     }
+}
+
+/// Waits for the end of a thread, at most for [`END_TIMEOUT`]; whether it has ended.
+fn ends_in_time(thread: &JoinHandle<()>) -> bool {
+    let asked = Instant::now();
+    while !thread.is_finished() && asked.elapsed() < END_TIMEOUT {
+        std::thread::sleep(END_POLL);
+    }
+    thread.is_finished()
 }
 
 impl Process {
@@ -223,11 +234,19 @@ impl<R: FnMut(&str)> Watch<R> {
                 self.hear(&line);
             }
         }
-        // It closes its output when it ends.
-        let child = self.process.lock().child.take();
-        match child {
-            Some(mut child) => child.wait(),
-            None => Err(std::io::Error::other("it was not started")),
+        // It closes its output when it ends. Until it has, its owner can kill it.
+        loop {
+            let mut state = self.process.lock();
+            let ended = match &mut state.child {
+                Some(child) => child.try_wait()?,
+                None => return Err(std::io::Error::other("it was not started")),
+            };
+            if let Some(status) = ended {
+                state.child = None;
+                return Ok(status);
+            }
+            drop(state);
+            std::thread::sleep(END_POLL);
         }
     }
 
@@ -298,6 +317,39 @@ mod tests {
         assert!(!ended.exists());
         drop(tunnel);
         assert!(ended.exists());
+    }
+
+    /// Starts a tunnel and drops it at its first sentence; whether that ends.
+    fn drops(script: &str, mut report: impl FnMut() + Send + 'static) -> bool {
+        let (begun, begins) = channel();
+        let tunnel = Tunnel::start_command(shell(script), move |_| {
+            let _ = begun.send(());
+            report();
+        });
+        let tunnel = tunnel.unwrap();
+        begins.recv().unwrap();
+        let (dropped, ends) = channel();
+        std::thread::spawn(move || {
+            drop(tunnel);
+            let _ = dropped.send(());
+        });
+        // A minute is a hang, not a measurement.
+        ends.recv_timeout(Duration::from_secs(60)).is_ok()
+    }
+
+    /// As one that writes to a terminal that is paused.
+    #[test]
+    fn an_owner_whose_report_hangs_drops_its_tunnel_all_the_same() {
+        let script = "echo ready; echo note x; cat";
+        assert!(drops(script, || loop {
+            std::thread::park();
+        }));
+    }
+
+    #[test]
+    fn a_tunnel_that_closed_its_output_and_goes_on_is_killed() {
+        let script = "echo ready; echo note x; exec sleep 600 >&-";
+        assert!(drops(script, || ()));
     }
 
     #[test]

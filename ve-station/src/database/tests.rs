@@ -3,6 +3,7 @@ use spm_builder::NoProgress;
 use spm_builder::write_mesh;
 use std::cell::RefCell;
 use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::SystemTime;
 
 fn mesh_file(folder: &Path, name: &str, shape: Shape) -> PathBuf {
     let path = folder.join(name);
@@ -168,6 +169,9 @@ fn what_killed_builds_and_other_versions_left_is_removed_and_nothing_else() {
     for file in kept.iter().copied().chain([".ve-station-killed", &old]) {
         fs::write(cache.join(file), b"left").unwrap();
     }
+    let killed = cache.join(".ve-station-killed");
+    let killed = File::options().write(true).open(killed).unwrap();
+    killed.set_modified(SystemTime::UNIX_EPOCH).unwrap();
     // Somebody writes it.
     let written = cache.join(".ve-station-written");
     let writer = File::create(&written).unwrap();
@@ -178,6 +182,50 @@ fn what_killed_builds_and_other_versions_left_is_removed_and_nothing_else() {
     expected.extend([cached, written]);
     expected.sort();
     assert_eq!(built(&cache), expected);
+}
+
+/// With files that are as long as models, but hold nothing.
+#[test]
+fn of_too_many_built_models_those_go_that_were_not_used_for_longest() {
+    let folder = tempfile::tempdir().unwrap();
+    let cache = folder.path().join("cache");
+    fs::create_dir(&cache).unwrap();
+    let make = |name: &str, bytes: u64, used: SystemTime| {
+        let file = File::create(cache.join(name)).unwrap();
+        file.set_len(bytes).unwrap();
+        file.set_modified(used).unwrap();
+    };
+    // One that could not be renamed is a model too.
+    let old = ["unrenamed-a-0", "b-0", "c-0"];
+    let long_ago = |days: u32| SystemTime::UNIX_EPOCH + days * KEPT;
+    for (days, name) in (0..).zip(old) {
+        make(&format!("{name}-b1f1.spm"), 6 << 30, long_ago(days));
+    }
+    make("of-today-b1f1.spm", 6 << 30, SystemTime::now());
+    make("not-ours.spm", 6 << 30, long_ago(0));
+    let others = || {
+        let is_there = |name: &&str| cache.join(format!("{name}-b1f1.spm")).exists();
+        let of = old.into_iter().chain(["of-today"]);
+        of.filter(is_there).collect::<Vec<_>>()
+    };
+    let open = |shape: Shape| {
+        let path = mesh_file(folder.path(), &format!("{shape}.obj"), shape);
+        open_mesh(&path, &cache, &NoProgress).unwrap();
+        path
+    };
+    let sphere = open(Shape::Sphere);
+    assert_eq!(others(), ["c-0", "of-today"]);
+    // Used again, it is not the next that goes; of what is used there may be more.
+    let name = content_name(&sphere, &fs::read(&sphere).unwrap());
+    let built = cache.join(format!("{name}-{}.spm", versions()));
+    make("of-today-b1f1.spm", 20 << 30, SystemTime::now());
+    let file = File::options().write(true).open(&built).unwrap();
+    file.set_modified(long_ago(0)).unwrap();
+    open(Shape::Sphere);
+    open(Shape::Torus);
+    assert_eq!(others(), ["of-today"]);
+    assert!(built.exists());
+    assert!(cache.join("not-ours.spm").exists());
 }
 
 #[test]

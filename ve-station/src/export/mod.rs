@@ -116,7 +116,7 @@ pub struct Exported {
     pub faces: u32,
     /// Splits of the front.
     pub vsps: u32,
-    /// Length of the file.
+    /// Length of the file, or of what went into a pipe.
     pub file_bytes: u64,
 }
 
@@ -146,14 +146,36 @@ pub fn export(
         path: output.to_path_buf(),
         error,
     };
-    write_atomically(output, |out| write_front(&front, format, out)).map_err(failed)?;
-    let file_bytes = std::fs::metadata(output).map_err(failed)?.len();
+    let written = write_atomically(output, |out| {
+        let mut out = Counted { out, bytes: 0 };
+        write_front(&front, format, &mut out)?;
+        Ok(out.bytes)
+    });
+    let file_bytes = written.map_err(failed)?;
     Ok(Exported {
         vertices: front.header.base_vertices + front.splits.len() as u32,
         faces: front.faces,
         vsps: front.splits.len() as u32,
         file_bytes,
     })
+}
+
+/// Counts what is written: a pipe has no length that could be asked for.
+struct Counted<W> {
+    out: W,
+    bytes: u64,
+}
+
+impl<W: Write> Write for Counted<W> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.out.write(bytes)?;
+        self.bytes += written as u64;
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.out.flush()
+    }
 }
 
 /// Writes a front in a format.

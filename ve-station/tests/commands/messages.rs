@@ -2,8 +2,10 @@
 //! 2.
 
 use serde_json::Value;
+use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output};
+use std::time::{Duration, Instant};
 
 fn station(folder: &Path, arguments: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_ve-station"))
@@ -320,6 +322,46 @@ fn export_writes_what_build_reads() {
 }
 
 #[test]
+fn a_mesh_on_standard_output_is_all_that_is_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    let made = [
+        &["generate", "torus", "--faces", "500", "-o", "a.ply"][..],
+        &["build", "a.ply", "-o", "a.spm"],
+        &["export", "a.spm", "-o", "a.off"],
+    ];
+    for arguments in made {
+        assert!(station(at, arguments).status.success(), "{arguments:?}");
+    }
+    let expected = std::fs::read(at.join("a.off")).unwrap();
+    let export = ["export", "a.spm", "-o", "/dev/stdout", "--format", "off"];
+    for more in [&[][..], &["--json"]] {
+        let piped = station(at, &[&export[..], more].concat());
+        assert!(piped.stdout == expected, "{more:?}");
+        let said = String::from_utf8(piped.stderr).unwrap();
+        assert!(said.contains(&expected.len().to_string()), "{said}");
+    }
+    // Redirected into a file, behind what is there. Nothing takes the place of the link: here it is
+    // one of our own.
+    std::os::unix::fs::symlink("/dev/stdout", at.join("link")).unwrap();
+    let behind = [&b"before\n"[..], &expected].concat();
+    for (append, expected) in [(false, &expected), (true, &behind)] {
+        std::fs::write(at.join("b.off"), b"before\n").unwrap();
+        let mut options = std::fs::File::options();
+        let options = options.append(append).write(true).truncate(!append);
+        let redirected = Command::new(env!("CARGO_BIN_EXE_ve-station"))
+            .current_dir(at)
+            .args(["export", "a.spm", "-o", "link", "--format", "off"])
+            .stdout(options.open(at.join("b.off")).unwrap())
+            .status();
+        assert!(redirected.unwrap().success());
+        let found = std::fs::read(at.join("b.off")).unwrap();
+        assert!(found == *expected, "append: {append}");
+    }
+    assert!(std::fs::read_link(at.join("link")).is_ok());
+}
+
+#[test]
 fn damaged_spm_files_are_one_sentence_each() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();
@@ -430,4 +472,47 @@ fn a_signal_ends_serve_also_while_it_builds_a_model() {
         let left = std::fs::read_dir(folder.path().join("cache")).unwrap();
         assert_eq!(left.count(), 0, "nothing half-written");
     }
+}
+
+/// As with a terminal that is paused. `timeout` sends SIGTERM twice, the second time while the end
+/// still waits for a reader: it ends with its own status all the same.
+#[test]
+fn a_service_whose_lines_nobody_reads_serves_and_ends() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene =
+        "[[object]]\ngenerate = { shape = \"sphere\", faces = 2000 }\nsize_m = 0.1\n[[probe]]\n";
+    std::fs::write(folder.path().join("unread.toml"), scene).unwrap();
+    let (unread, mut errors) = std::io::pipe().unwrap();
+    // A pipe's room (pipe(7)).
+    errors.write_all(&[b' '; 1 << 16]).unwrap();
+    let name = format!("unread-{}", std::process::id());
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ve-station"))
+        .current_dir(folder.path())
+        .args(["serve", "unread.toml", "--domain", &name])
+        .env("HRTC_CACHE", folder.path().join("cache"))
+        .stderr(errors)
+        .spawn()
+        .unwrap();
+    let domain = transport::Domain::new(&name).unwrap();
+    let node = domain.node().unwrap();
+    let heartbeats = domain.heartbeats(&node).unwrap().incoming;
+    let start = Instant::now();
+    let mut is_heard = false;
+    while !is_heard && start.elapsed().as_secs() < 60 {
+        std::thread::sleep(Duration::from_millis(5));
+        is_heard = heartbeats.receive().unwrap().is_some();
+    }
+    let signal = if is_heard { "-TERM" } else { "-KILL" };
+    for _ in 0..2 {
+        let id = child.id().to_string();
+        let sent = Command::new("kill").args([signal, &id]).status();
+        assert!(sent.unwrap().success());
+    }
+    let status = child.wait().unwrap();
+    drop(heartbeats);
+    drop(node);
+    domain.remove_files();
+    assert!(is_heard, "nothing is served");
+    assert_eq!(status.code(), Some(0), "{status}");
+    drop(unread);
 }

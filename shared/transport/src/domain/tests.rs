@@ -55,6 +55,46 @@ fn a_root_that_is_not_the_users_own_is_refused_in_a_sentence() {
     domain.remove_files();
 }
 
+/// Asks as systemd-tmpfiles does before it goes into a folder (tmpfiles.d(5), "Age").
+#[test]
+fn nobody_cleans_up_in_the_root_of_a_domain_that_is_used() {
+    let domain = Domain::new(&format!("held-{}", std::process::id())).unwrap();
+    let is_held = || File::open(domain.root()).unwrap().try_lock().is_err();
+    domain.take_root().unwrap();
+    assert!(!is_held(), "nobody uses it");
+    let node = domain.node().unwrap();
+    assert!(is_held());
+    let other = File::open(domain.root()).unwrap();
+    assert!(other.try_lock_shared().is_ok(), "for one process only");
+    drop((node, other));
+    domain.remove_files();
+    domain.take_root().unwrap();
+    assert!(!is_held(), "who has removed it has let go of it");
+    domain.hold_root();
+    std::fs::remove_dir(domain.root()).unwrap();
+    // By somebody else, and made again.
+    domain.take_root().unwrap();
+    assert!(!is_held());
+    domain.hold_root();
+    assert!(is_held());
+    domain.remove_files();
+}
+
+/// As systemd-tmpfiles that is stopped while it cleans up.
+#[test]
+fn nobody_waits_for_whoever_has_the_root_alone_and_does_not_go_on() {
+    let domain = Domain::new(&format!("alone-{}", std::process::id())).unwrap();
+    domain.take_root().unwrap();
+    let alone = File::open(domain.root()).unwrap();
+    alone.lock().unwrap();
+    drop(domain.node().unwrap());
+    drop(alone);
+    drop(domain.node().unwrap());
+    let is_held = File::open(domain.root()).unwrap().try_lock().is_err();
+    assert!(is_held, "it is not tried again");
+    domain.remove_files();
+}
+
 /// The topics of a domain in which all are open: by name those of the types in their messages that
 /// are the protocol's.
 fn open_topics(test: &str) -> BTreeMap<String, Vec<String>> {
