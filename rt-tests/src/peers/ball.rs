@@ -10,7 +10,7 @@
 //! | steps | u64 2, u64 count, `f64[10]` a tick: pose of the object x y z, quaternion x y z w, device x y z |
 //! | answers, by the peer | `f64[7]` a tick: force x y z, proxy x y z, nanoseconds |
 //!
-//! Metres, newtons, radians; vertices in the axes of the object.
+//! Metres, newtons, radians; vertices in the axes of the object. A message holds at most 250 steps.
 
 use crate::failure::Failure;
 use geometry::Pose;
@@ -35,6 +35,9 @@ const KILLED: i32 = 9;
 /// Kinds of messages.
 const SCENE: u64 = 1;
 const STEPS: u64 = 2;
+/// Steps of a message, at most: with their answers they find room in a socket, also where the peer
+/// answers each of them before it reads the next.
+const MAX_STEPS: usize = 250;
 /// Bytes of an answer.
 const ANSWER_BYTES: usize = 7 * size_of::<f64>();
 
@@ -253,8 +256,15 @@ impl BallPeer {
     /// One sentence when it ends, says nothing for two minutes, or a time is none; [`Failure::Run`]
     /// where it crashes after an answer.
     pub fn step(&mut self, steps: &[Step]) -> Result<Vec<Answer>, Failure> {
-        self.write(&Step::message(steps))?;
         let mut answers = Vec::with_capacity(steps.len());
+        for steps in steps.chunks(MAX_STEPS) {
+            self.step_some(steps, &mut answers)?;
+        }
+        Ok(answers)
+    }
+
+    fn step_some(&mut self, steps: &[Step], answers: &mut Vec<Answer>) -> Result<(), Failure> {
+        self.write(&Step::message(steps))?;
         for _ in steps {
             let mut bytes = [0; ANSWER_BYTES];
             match self.socket.read_exact(&mut bytes) {
@@ -269,7 +279,7 @@ impl BallPeer {
             }
             answers.push(answer);
         }
-        Ok(answers)
+        Ok(())
     }
 
     /// How it ended, though it was still asked. A crash after its first answer is its own affair;
@@ -322,4 +332,52 @@ fn failed(path: &Path, what: &str) -> Failure {
         "{}: {what}; build it as rt-tests/peers/README.md says",
         path.display()
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What the peer of a test may take to read or answer at all.
+    const PATIENCE: Duration = Duration::from_secs(20);
+
+    /// A peer that answers each step before it reads the next: more steps in a message than their
+    /// answers find room in the socket, and both would wait for ever.
+    #[test]
+    fn a_peer_that_answers_step_by_step_is_asked_any_number_of_steps() {
+        const COUNT: usize = 10_000;
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        ours.set_read_timeout(Some(PATIENCE)).unwrap();
+        ours.set_write_timeout(Some(PATIENCE)).unwrap();
+        let numbers = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+        let answer: Vec<u8> = numbers.into_iter().flat_map(f64::to_le_bytes).collect();
+        let answers = std::thread::spawn(move || -> std::io::Result<()> {
+            let (mut head, mut step) = ([0; 16], [0; 10 * size_of::<f64>()]);
+            loop {
+                theirs.read_exact(&mut head)?;
+                for _ in 0..u64::from_le_bytes(*head.last_chunk().unwrap()) {
+                    theirs.read_exact(&mut step)?;
+                    theirs.write_all(&answer)?;
+                }
+            }
+        });
+        let mut peer = BallPeer {
+            path: PathBuf::from("step by step"),
+            child: Command::new("true").spawn().unwrap(),
+            socket: BufReader::new(ours),
+            answers: 0,
+        };
+        let step = Step {
+            object: Pose::at(DVec3::ZERO),
+            device: DVec3::ZERO,
+        };
+        let steps = vec![step; COUNT];
+        let found = peer.step(&steps).unwrap();
+        assert_eq!(found.len(), COUNT);
+        assert!(found.iter().all(|of| of.is_finite() && of.ns == 1.0));
+        drop(peer);
+        // It ended as there was nothing more to read.
+        let ended = answers.join().unwrap().unwrap_err();
+        assert_eq!(ended.kind(), std::io::ErrorKind::UnexpectedEof);
+    }
 }

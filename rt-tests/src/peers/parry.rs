@@ -27,7 +27,8 @@ pub trait Mesh {
     fn distance(&self, point: DVec3) -> f64;
     /// Bytes on the heap.
     fn bytes(&self) -> usize;
-    /// The same, told which face the last answer lay on: parry has no hint, but a largest distance.
+    /// The same, told which face the last answer lay on: parry has no hint, but a largest distance,
+    /// that of this face.
     fn distance_with_memory(&self, point: DVec3, last: &mut Option<u32>) -> f64;
     /// Moves some faces away from where they are by so much, takes their boxes in and refits those
     /// above; the length of the whole box's diagonal.
@@ -46,8 +47,6 @@ macro_rules! precision {
             mesh: $parry::shape::TriMesh,
             /// A copy of its tree, to be updated.
             tree: $parry::partitioning::Bvh,
-            /// Faces of the last update, whose marks the next one takes back.
-            changed: Vec<u32>,
             tool: Tool,
             /// Nanoseconds that parry took to make the mesh with its tree.
             pub build_ns: f64,
@@ -101,7 +100,6 @@ macro_rules! precision {
                 Ok(Self {
                     mesh,
                     tree,
-                    changed: Vec::with_capacity(64),
                     tool: Tool::default(),
                     build_ns,
                 })
@@ -136,20 +134,20 @@ macro_rules! precision {
             fn distance_with_memory(&self, point: DVec3, last: &mut Option<u32>) -> f64 {
                 use $parry::query::{PointQuery, PointQueryWithLocation};
                 let point = vector(point);
-                // Beyond its own rounding, so that the face of the last answer is found again.
-                let most = last.map_or($parry::math::Real::MAX, |face| {
+                let known = last.map(|face| {
                     let triangle = self.mesh.triangle(face);
-                    let distance = triangle.distance_to_local_point(point, false);
-                    let size = point.abs().max_element() + distance;
-                    distance + 8.0 * $parry::math::Real::EPSILON * size
+                    triangle.distance_to_local_point(point, false)
                 });
+                let most = known.unwrap_or($parry::math::Real::MAX);
                 let found = self
                     .mesh
                     .project_local_point_and_get_location_with_max_dist(point, false, most);
-                found.map_or(f64::NAN, |(found, (face, _))| {
-                    *last = Some(face);
-                    f64::from((found.point - point).length())
-                })
+                let Some((found, (face, _))) = found else {
+                    // Nothing is nearer than the face of the last answer.
+                    return known.map_or(f64::NAN, f64::from);
+                };
+                *last = Some(face);
+                f64::from((found.point - point).length())
             }
 
             fn take_tool(&mut self, positions: &[DVec3], faces: &[[u32; 3]]) {
@@ -208,9 +206,8 @@ macro_rules! precision {
                     let aabb = around(self.mesh.vertices(), corners).translated(by);
                     self.tree.insert_or_update_partially(aabb, face, 0.0);
                 }
-                self.tree.refit_partial(&self.changed, faces);
-                self.changed.clear();
-                self.changed.extend_from_slice(faces);
+                // No leaf is marked as changed, so none of the update before is to be taken back.
+                self.tree.refit_partial(&[], faces);
                 f64::from(self.tree.root_aabb().extents().length())
             }
         }

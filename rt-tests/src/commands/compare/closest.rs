@@ -4,7 +4,7 @@
 use super::full_front::FullFront;
 use super::questions::{FullMesh, Questions};
 use super::row::{Row, Who};
-use super::timing::{Caches, Timed, time_with};
+use super::timing::{Caches, Timed, time_stretch, time_with};
 use crate::failure::Failure;
 use crate::models::Model;
 use crate::models::local_front::LocalFront;
@@ -176,11 +176,9 @@ fn local(model: &Model, tips: &[DVec3], regime: Regime) -> Result<Timed, Failure
             tree: front.cache().tree(),
         };
         let mut asker = Asker::new(regime);
-        // As for the others, the query before was for the point before.
-        asker.ask(surface, tips[start.saturating_sub(1)]);
-        let mut ask = |k: usize| asker.ask(surface, stretch[k]);
-        let timed = time_with(regime.caches, stretch.len(), &mut [&mut ask]);
-        timed.into_iter().for_each(|timed| all.extend(timed));
+        let places = start..start + stretch.len();
+        let mut ask = |k: usize| asker.ask(surface, tips[k]);
+        all.extend(time_stretch(regime.caches, places, STRETCH, &mut ask));
     }
     Ok(all)
 }

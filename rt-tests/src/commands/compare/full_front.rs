@@ -17,6 +17,8 @@ use std::time::Instant;
 pub struct FullFront {
     mesh: ActiveMesh,
     tree: AbTree,
+    /// Vertices of the front.
+    vertices: usize,
     /// Nanoseconds that it took to put every face into the tree and fit all boxes.
     pub build_ns: f64,
 }
@@ -49,7 +51,7 @@ impl FullFront {
         let leaves: Vec<_> = (0..count)
             .map(|place| (place, leaf_key(place, count)))
             .collect();
-        Self::over(model, mesh, &leaves)
+        Self::over(model, (mesh, positions.len()), &leaves)
     }
 
     /// Performs the first splits, so many of them, and builds the tree.
@@ -61,13 +63,15 @@ impl FullFront {
         let leaves: Vec<(Handle, u32)> = Self::leaves(model)
             .filter(|&(face, _)| mesh.is_active(face))
             .collect();
-        Self::over(model, mesh, &leaves)
+        // Each split makes one of a vertex two.
+        let vertices = model.file.model_header().base_vertices as usize + splits;
+        Self::over(model, (mesh, vertices), &leaves)
     }
 
     /// Builds the tree over faces with their leaf codes.
     fn over<D: AsRef<[u8]>>(
         model: &Model<D>,
-        mesh: ActiveMesh,
+        (mesh, vertices): (ActiveMesh, usize),
         leaves: &[(Handle, u32)],
     ) -> Result<Self, Failure> {
         let handles = leaves.iter().map(|&(face, _)| face + 1).max();
@@ -83,6 +87,7 @@ impl FullFront {
         Ok(Self {
             mesh,
             tree,
+            vertices,
             build_ns: start.elapsed().as_nanos() as f64,
         })
     }
@@ -124,9 +129,8 @@ impl FullFront {
     #[must_use]
     pub fn bytes(&self) -> usize {
         let faces = self.mesh.active_faces() as usize;
-        // A mesh without a rim has half as many vertices as faces.
         faces * (AbTree::BYTES_PER_FACE + ActiveMesh::BYTES_PER_BASE_FACE)
-            + faces / 2 * ActiveMesh::BYTES_PER_BASE_VERTEX
+            + self.vertices * ActiveMesh::BYTES_PER_BASE_VERTEX
     }
 }
 
@@ -143,4 +147,33 @@ fn split_mesh<D: AsRef<[u8]>>(model: &Model<D>, splits: usize) -> Result<ActiveM
 
 fn failed<D>(model: &Model<D>, error: &dyn std::fmt::Display) -> Failure {
     Failure::Run(format!("{}: {error}", model.name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use spm_builder::{BuildOptions, NoProgress, SoupMesh};
+
+    #[test]
+    fn the_bytes_of_separate_triangles_hold_three_vertices_for_each() {
+        const FACES: u32 = 200;
+        let mut mesh = SoupMesh::default();
+        for face in 0..FACES {
+            let [x, y] = [face % 20, face / 20].map(|of| 2.0 * f64::from(of));
+            let corners = [[x, y, 0.0], [x + 1.0, y, 0.0], [x, y + 1.0, 0.5]];
+            mesh.positions.extend(corners);
+            mesh.triangles.push([0, 1, 2].map(|k| 3 * face + k));
+        }
+        let name = "separate triangles".to_string();
+        let model = Model::build(name, mesh, &BuildOptions::default(), &NoProgress);
+        let model = model.unwrap_or_else(|error| panic!("{error}"));
+        let faces = FACES as usize;
+        let of_faces = faces * (AbTree::BYTES_PER_FACE + ActiveMesh::BYTES_PER_BASE_FACE);
+        let expected = of_faces + 3 * faces * ActiveMesh::BYTES_PER_BASE_VERTEX;
+        let prefix = FullFront::prefix(&model, model.records.len());
+        for front in [FullFront::new(&model), prefix] {
+            let front = front.unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(front.bytes(), expected);
+        }
+    }
 }

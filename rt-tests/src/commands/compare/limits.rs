@@ -37,13 +37,19 @@ const LIMITS: [Limit; 12] = [
     limit(
         tools::TOOLS[0].0,
         Who::OursLocal,
-        &[(tools::TOOLS[0].0, Who::ParryF64Moved)],
+        &[
+            (tools::TOOLS[0].0, Who::ParryF64),
+            (tools::TOOLS[0].0, Who::ParryF64Moved),
+        ],
         0.22,
     ),
     limit(
         tools::TOOLS[1].0,
         Who::OursLocal,
-        &[(tools::TOOLS[1].0, Who::ParryF64Moved)],
+        &[
+            (tools::TOOLS[1].0, Who::ParryF64),
+            (tools::TOOLS[1].0, Who::ParryF64Moved),
+        ],
         0.22,
     ),
     limit(

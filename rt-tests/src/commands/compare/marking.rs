@@ -160,7 +160,7 @@ fn chosen(
     let n = order.len();
     let any = (unit(random) * n as f64) as usize;
     match spread {
-        Spread::Patch => patch(front.mesh(), order[any], k as usize),
+        Spread::Patch => patch(front.mesh(), order, any, k as usize),
         Spread::Scattered => {
             let mut places: Vec<usize> = (0..n).collect();
             for at in 0..k as usize {
@@ -218,14 +218,18 @@ fn shares_of(
         let surface = Surface { mesh, tree };
         let count = f64::from(mesh.active_faces());
         faces.push(count);
+        let mut active = Vec::new();
+        mesh.for_each_active_face(|face| active.push(face));
         let mut query = |k: usize| ours(surface, tool, &stretch[k].to_query, &mut out);
         queries.extend(time(stretch.len(), &mut [&mut query]).swap_remove(0).ns);
         let mut deformed = tree.clone();
         for (ns, share) in updates.iter_mut().zip(SHARES) {
             let around = |touch: &Touch| {
-                let (first, _) = closest_point(surface, touch.point, None);
+                let (nearest, _) = closest_point(surface, touch.point, None);
+                let face = nearest.map(|nearest| nearest.face);
+                let first = active.iter().position(|&active| Some(active) == face);
                 first.map_or_else(Vec::new, |first| {
-                    patch(mesh, first.face, (share * count) as usize)
+                    patch(mesh, &active, first, (share * count) as usize)
                 })
             };
             let patches: Vec<_> = stretch.iter().map(around).collect();

@@ -3,6 +3,7 @@
 
 use crate::clocks::Clocks;
 use std::hint::black_box;
+use std::ops::Range;
 
 /// A contender: answers query `k` with a number that is the same for all who are right.
 pub type Query<'a> = dyn FnMut(usize) -> f64 + 'a;
@@ -45,6 +46,16 @@ pub enum Caches {
 /// Bytes that are read to sweep a core's own caches: those of current cores have at most 2 MiB.
 pub const SWEPT_BYTES: usize = 4 << 20;
 
+/// What is read to sweep a core's caches. Not zeros: untouched pages would all be one.
+fn sweep() -> Vec<u8> {
+    vec![1u8; SWEPT_BYTES]
+}
+
+fn read(sweep: &[u8]) {
+    let lines = sweep.iter().step_by(64);
+    black_box(lines.fold(0u8, |sum, &byte| sum.wrapping_add(byte)));
+}
+
 /// Puts `count` queries to each contender in turn, each once.
 pub fn time(count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
     time_with(Caches::AsLeft, count, contenders)
@@ -55,8 +66,7 @@ pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]
     let clocks = Clocks::new();
     let sweep = match caches {
         Caches::AsLeft => Vec::new(),
-        // Not zeros: untouched pages would all be one.
-        Caches::Swept => vec![1u8; SWEPT_BYTES],
+        Caches::Swept => sweep(),
     };
     let time_one = |query: &mut &mut Query<'_>| {
         let mut timed = Timed {
@@ -64,8 +74,7 @@ pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]
             answers: Vec::with_capacity(count),
         };
         for k in 0..count {
-            let lines = sweep.iter().step_by(64);
-            black_box(lines.fold(0u8, |sum, &byte| sum.wrapping_add(byte)));
+            read(&sweep);
             let (ns, answer) = clocks.time(|| query(k));
             timed.ns.push(ns);
             timed.answers.push(answer);
@@ -73,6 +82,25 @@ pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]
         timed
     };
     contenders.iter_mut().map(time_one).collect()
+}
+
+/// Puts the queries of a stretch, each once, by their places among all. As where all are put in a
+/// row, those right before them were the queries before, up to `before` of them: what was done
+/// until now, as forming a front or searching for what is expected, leaves nothing in the caches.
+pub fn time_stretch(
+    caches: Caches,
+    stretch: Range<usize>,
+    before: usize,
+    query: &mut Query<'_>,
+) -> Timed {
+    let first = stretch.start;
+    read(&sweep());
+    // The first of all is put before itself.
+    for k in first.saturating_sub(before)..=first.saturating_sub(1) {
+        query(k);
+    }
+    let mut of_stretch = |k: usize| query(first + k);
+    time_with(caches, stretch.len(), &mut [&mut of_stretch]).swap_remove(0)
 }
 
 #[cfg(test)]
@@ -102,6 +130,21 @@ mod tests {
                 .iter()
                 .all(|t| t.ns.len() == 10 && t.ns.iter().all(|ns| *ns >= 0.0))
         );
+    }
+
+    #[test]
+    fn a_stretch_is_put_right_behind_the_queries_before_it() {
+        for (stretch, before) in [(0..4, 0..1), (2..5, 0..2), (7..9, 4..7)] {
+            let mut put = Vec::new();
+            let mut query = |k: usize| {
+                put.push(k);
+                k as f64
+            };
+            let timed = time_stretch(Caches::Swept, stretch.clone(), 3, &mut query);
+            let expected: Vec<f64> = stretch.clone().map(|k| k as f64).collect();
+            assert_eq!(timed.answers, expected);
+            assert_eq!(put, before.chain(stretch).collect::<Vec<_>>());
+        }
     }
 
     #[test]

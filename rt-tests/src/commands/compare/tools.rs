@@ -3,7 +3,7 @@
 use super::full_front::FullFront;
 use super::questions::{Questions, ToolQuestions};
 use super::row::{Row, Who};
-use super::timing::{Timed, time};
+use super::timing::{Caches, Timed, time, time_stretch};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
 use crate::models::{Model, active_triangles};
@@ -155,11 +155,9 @@ fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<
             tool.place(&touch.to_query);
             expected.push(by_search(&faces, &tool));
         }
-        let mut ask = |touch: &Touch| ours(surface, &mut tool, &touch.to_query, &mut out);
-        // As for the others, the query before was for the pose before.
-        ask(&poses[start.saturating_sub(1)]);
-        let timed = time(stretch.len(), &mut [&mut |k| ask(&stretch[k])]);
-        timed.into_iter().for_each(|timed| all.extend(timed));
+        let places = start..start + stretch.len();
+        let mut ask = |k: usize| ours(surface, &mut tool, &poses[k].to_query, &mut out);
+        all.extend(time_stretch(Caches::AsLeft, places, STRETCH, &mut ask));
     }
     Ok((all, expected))
 }

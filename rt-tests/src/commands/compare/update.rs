@@ -8,34 +8,59 @@ use crate::models::Model;
 use crate::models::surface::unit;
 use crate::peers::parry::{Mesh, ParryF32, ParryF64};
 use geometry::Aabb;
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rand::Rng;
-use spm::{ActiveMesh, Handle, NONE};
+use spm::{ActiveMesh, Handle, ModelHeader, NONE};
 use std::collections::HashSet;
 
 /// Faces of a patch, as deformed by about eight splits.
 pub const PATCH: usize = 64;
-/// Patches.
+/// Patches. All are moved, then all are moved back, so that none is met with its faces in the
+/// caches from the update before.
 const PATCHES: usize = 2000;
 /// By how much a patch is moved, in parts of the diagonal.
 const SHIFT: f32 = 1e-3;
 
-/// So many faces around one, nearest by adjacency first; fewer where its piece of the mesh has no
-/// more.
-pub fn patch(mesh: &ActiveMesh, first: Handle, count: usize) -> Vec<Handle> {
-    let mut patch = vec![first];
-    let mut found = HashSet::from([first]);
+/// The patch of an update, and whether it is moved or moved back.
+fn asked(k: usize) -> (usize, bool) {
+    (k % PATCHES, k < PATCHES)
+}
+
+/// So many faces around one of `faces`, by its place there: nearest by adjacency first. Where its
+/// piece of the mesh has no more, the faces that follow go on with theirs; fewer where the mesh
+/// has no more.
+pub fn patch(mesh: &ActiveMesh, faces: &[Handle], first: usize, count: usize) -> Vec<Handle> {
+    let count = count.min(faces.len());
+    let mut patch = Vec::with_capacity(count);
+    let mut found = HashSet::new();
     let mut next = 0;
-    while patch.len() < count && next < patch.len() {
-        let face = mesh.face(patch[next]);
-        next += 1;
-        for neighbour in face.neighbours {
-            if neighbour != NONE && patch.len() < count && found.insert(neighbour) {
-                patch.push(neighbour);
+    let (before, from) = faces.split_at(first);
+    for &begin in from.iter().chain(before) {
+        if patch.len() == count {
+            break;
+        }
+        if found.insert(begin) {
+            patch.push(begin);
+        }
+        while patch.len() < count && next < patch.len() {
+            let face = mesh.face(patch[next]);
+            next += 1;
+            for neighbour in face.neighbours {
+                if neighbour != NONE && patch.len() < count && found.insert(neighbour) {
+                    patch.push(neighbour);
+                }
             }
         }
     }
     patch
+}
+
+/// The largest coordinate of the positions as they are stored, model units.
+fn largest_stored(header: &ModelHeader) -> f64 {
+    let corners = [header.lower, header.upper].map(DVec3::from_array);
+    let origin = DVec3::from_array(header.origin);
+    let largest = corners.map(|corner| (corner - origin).abs().max_element());
+    largest[0].max(largest[1])
 }
 
 /// A row for each contender: one update moves a patch, or moves it back. All compute the boxes
@@ -52,41 +77,46 @@ pub fn rows(
     // Faces of parry by the same numbers: those of the full mesh in the order of the tree.
     let patches: Vec<Vec<u32>> = (0..PATCHES)
         .map(|_| (unit(random) * handles.len() as f64) as usize)
-        .map(|first| patch(front.mesh(), handles[first], PATCH))
+        .map(|first| patch(front.mesh(), &handles, first, PATCH))
         .collect();
-    let shift = Vec3::splat(SHIFT * model.file.model_header().diagonal as f32);
-    // Every patch is moved and moved back.
-    let by = |k: usize| {
-        if k.is_multiple_of(2) {
-            shift
-        } else {
-            Vec3::ZERO
-        }
+    let header = model.file.model_header();
+    let shift = Vec3::splat(SHIFT * header.diagonal as f32);
+    let of = |k: usize| {
+        let (patch, is_moved) = asked(k);
+        let by = if is_moved { shift } else { Vec3::ZERO };
+        (&patches[patch], by)
     };
     let size = |aabb: &Aabb| f64::from((aabb.upper - aabb.lower).length());
     let (mesh, tree) = front.parts_mut();
     let mut ours = |k: usize| {
-        for &face in &patches[k / 2] {
+        let (patch, by) = of(k);
+        for &face in patch {
             tree.deform(face);
         }
         tree.refit(|face| {
             let at = mesh.face_box(face);
             Aabb {
-                lower: at.lower + by(k),
-                upper: at.upper + by(k),
+                lower: at.lower + by,
+                upper: at.upper + by,
             }
         });
         size(tree.root_box())
     };
-    let mut of_single = |k: usize| single.update(&patches[k / 2], by(k));
-    let mut of_double = |k: usize| double.update(&patches[k / 2], by(k));
+    let mut of_single = |k: usize| {
+        let (patch, by) = of(k);
+        single.update(patch, by)
+    };
+    let mut of_double = |k: usize| {
+        let (patch, by) = of(k);
+        double.update(patch, by)
+    };
     let timed = time(
         2 * PATCHES,
         &mut [&mut ours, &mut of_single, &mut of_double],
     );
     let expected = timed[2].answers.clone();
-    // Boxes are the same numbers for all but for the rounding of the shift.
-    let tolerance = f64::from(f32::EPSILON) * model.file.model_header().diagonal * 4.0;
+    // Boxes are the same numbers for all but for the rounding of shifted coordinates.
+    let tolerance = 4.0 * f64::from(f32::EPSILON) * (header.diagonal + largest_stored(&header));
     [Who::OursFull, Who::ParryF32, Who::ParryF64]
         .into_iter()
         .zip(timed)
@@ -95,4 +125,79 @@ pub fn rows(
             Row::new("update64", model, who, timed.ns, differ)
         })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::limits::wrong;
+    use super::super::questions::FullMesh;
+    use super::*;
+    use rand::SeedableRng;
+    use rand_xoshiro::Xoshiro256PlusPlus;
+    use spm::Certified;
+    use spm_builder::generate::{Shape, generate};
+    use spm_builder::{BuildOptions, NoProgress};
+
+    #[test]
+    fn every_patch_is_moved_and_moved_back_and_none_twice_in_a_row() {
+        let all: Vec<(usize, bool)> = (0..2 * PATCHES).map(asked).collect();
+        assert!(all.windows(2).all(|pair| pair[0].0 != pair[1].0));
+        for patch in 0..PATCHES {
+            let of_patch = all.iter().filter(|(of, _)| *of == patch);
+            let moves: Vec<bool> = of_patch.map(|&(_, is_moved)| is_moved).collect();
+            assert_eq!(moves, [true, false], "patch {patch}");
+        }
+    }
+
+    /// Forty diagonals from the origin, where the coordinates have a step of 2^-16 and what a patch
+    /// is moved by is no multiple of it but ends in half a step: rounded as far as it can be.
+    #[test]
+    fn an_update_far_from_the_origin_is_right_up_to_rounding() {
+        let mut mesh = generate(Shape::Relief, 3000, 1);
+        let positions = mesh.positions.iter().map(|&at| DVec3::from_array(at));
+        let lower = positions.clone().fold(DVec3::INFINITY, DVec3::min);
+        let upper = positions.fold(DVec3::NEG_INFINITY, DVec3::max);
+        let diagonal = 262.5 / 65_536.0 / f64::from(SHIFT);
+        let scale = diagonal / (upper - lower).length();
+        for at in &mut mesh.positions {
+            *at = (DVec3::from_array(*at) * scale + DVec3::X * 40.0 * diagonal).to_array();
+        }
+        let name = "far relief".to_string();
+        let model = Model::build(name, mesh, &BuildOptions::default(), &NoProgress);
+        let model = model.unwrap_or_else(|error| panic!("{error}"));
+        let header = model.file.model_header();
+        assert_eq!(header.origin, [0.0; 3], "it was moved to the origin");
+        let mut front = FullFront::new(&model).unwrap_or_else(|error| panic!("{error}"));
+        let full = FullMesh::new(&model);
+        let (positions, faces) = (&full.positions, &full.faces);
+        let mut single = ParryF32::new(positions, faces).expect("parry takes it");
+        let mut double = ParryF64::new(positions, faces).expect("parry takes it");
+        let random = &mut Xoshiro256PlusPlus::seed_from_u64(1);
+        let rows = rows(&model, &mut front, &mut single, &mut double, random);
+        assert_eq!(wrong(&rows), [""; 0]);
+    }
+
+    /// Pieces of one face each: a patch goes on with the next piece, and around the end.
+    #[test]
+    fn a_patch_has_as_many_faces_as_were_asked_for_over_any_pieces() {
+        const PIECES: u32 = 40;
+        let mut mesh = ActiveMesh::new(3 * PIECES, PIECES, 0);
+        for vertex in 0..3 * PIECES {
+            let at = [vertex as f32, (vertex % 2) as f32, 0.0];
+            mesh.set_base_vertex(vertex, at, Certified::EXACT);
+        }
+        for piece in 0..PIECES {
+            let corners = [0, 1, 2].map(|k| 3 * piece + k);
+            mesh.set_base_face(piece, corners, [NONE; 3])
+                .expect("all are there");
+        }
+        let faces: Vec<Handle> = (0..PIECES).collect();
+        for (first, count) in [(0, 1), (7, 33), (39, 12), (3, 40), (0, 64)] {
+            let mut patch = patch(&mesh, &faces, first, count);
+            assert_eq!(patch[0], faces[first]);
+            patch.sort_unstable();
+            patch.dedup();
+            assert_eq!(patch.len(), count.min(faces.len()));
+        }
+    }
 }
