@@ -81,8 +81,8 @@ pub(crate) trait Payload: Copy {
     fn bytes(&self) -> usize;
     /// Its index in [`MESSAGES`](crate::MESSAGES).
     fn kind(&self) -> usize;
-    /// Flips a random bit, where a link may damage such a message.
-    fn flip_bit(&mut self, random: &mut Random);
+    /// Flips a random bit, where a link may damage such a message; whether it did.
+    fn flip_bit(&mut self, random: &mut Random) -> bool;
 }
 
 impl Payload for Upward {
@@ -107,7 +107,9 @@ impl Payload for Upward {
         }
     }
 
-    fn flip_bit(&mut self, _: &mut Random) {}
+    fn flip_bit(&mut self, _: &mut Random) -> bool {
+        false
+    }
 }
 
 /// A chunk on its way to a client.
@@ -135,11 +137,12 @@ impl Payload for Downward {
         }
     }
 
-    fn flip_bit(&mut self, random: &mut Random) {
+    fn flip_bit(&mut self, random: &mut Random) -> bool {
         let slot = random.below(self.used as u64) as usize;
         let words = &mut self.slots[slot].words;
         let word = random.below(words.len() as u64) as usize;
         words[word] ^= 1 << random.below(32);
+        true
     }
 }
 
@@ -194,10 +197,10 @@ impl<T: Payload> DelayLine<T> {
         self.counts.sent[kind] += 1;
         if random.happens(model.loss) {
             self.counts.lost[kind] += 1;
+            self.counts.lost_by_chance[kind] += 1;
             return;
         }
-        if random.happens(model.damage) {
-            message.flip_bit(random);
+        if random.happens(model.damage) && message.flip_bit(random) {
             self.counts.damaged[kind] += 1;
         }
         let mut due = self.free_at.floor() as u64 + model.delay_ticks;
@@ -222,7 +225,8 @@ impl<T: Payload> DelayLine<T> {
         let last = self.under_way.len() - 1;
         if last > 0 && random.happens(model.reordering) {
             self.under_way.swap(last, last - 1);
-            self.counts.overtook[kind] += 1;
+            // One that was sent twice only changes places with its own copy.
+            self.counts.overtook[kind] += u64::from(copies == 1);
             self.under_way[last - 1].0 = due;
             self.under_way[last].0 = due;
         }
@@ -429,8 +433,9 @@ mod tests {
             0
         }
 
-        fn flip_bit(&mut self, _: &mut Random) {
+        fn flip_bit(&mut self, _: &mut Random) -> bool {
             *self = '!';
+            true
         }
     }
 
@@ -516,6 +521,41 @@ mod tests {
         assert!(lost > 20 && doubled > 20, "{lost} {doubled}");
         line.clear();
         assert_eq!(line.counts.lost[0], lost + 2 * doubled);
+        assert_eq!(line.counts.lost_by_chance[0], lost);
+    }
+
+    #[test]
+    fn what_was_not_done_is_not_counted() {
+        let model = LinkModel {
+            duplicates: 1.0,
+            reordering: 1.0,
+            ..LinkModel::default()
+        };
+        assert_eq!(letters(&received("abc", model, 1)), "aabbcc");
+        let (mut line, mut random) = (DelayLine::default(), Random::new(1));
+        for letter in "abc".chars() {
+            line.send(0, letter, &model, &mut random);
+        }
+        assert_eq!((line.counts.doubled[0], line.counts.overtook[0]), (3, 0));
+        // No bit of a report is flipped.
+        let model = LinkModel {
+            damage: 1.0,
+            ..LinkModel::default()
+        };
+        let report = Upward::Report(ContactReport {
+            client: 1,
+            tick: 0,
+            probe: 0,
+            object: 0,
+            position: [0.0; 3],
+            orientation_wxyz: [1.0, 0.0, 0.0, 0.0],
+            contact: [0.0; 3],
+            force: [0.0; 3],
+        });
+        let mut line = DelayLine::default();
+        line.send(0, report, &model, &mut random);
+        let counts = line.counts;
+        assert_eq!((counts.sent[6], counts.damaged), (1, [0; 13]));
     }
 
     #[test]

@@ -22,8 +22,10 @@ pub const MESSAGES: [&str; 13] = [
 pub struct LinkCounts {
     /// Sent.
     pub sent: [u64; MESSAGES.len()],
-    /// Lost on the way, or by a link that was cut.
+    /// Lost on the way, by a link that was cut, or by a station that was silent or ended.
     pub lost: [u64; MESSAGES.len()],
+    /// Of them on the way, by chance.
+    pub lost_by_chance: [u64; MESSAGES.len()],
     /// Sent twice.
     pub doubled: [u64; MESSAGES.len()],
     /// Overtook the one before it.
@@ -38,6 +40,7 @@ impl LinkCounts {
         let pairs = [
             (&mut self.sent, &other.sent),
             (&mut self.lost, &other.lost),
+            (&mut self.lost_by_chance, &other.lost_by_chance),
             (&mut self.doubled, &other.doubled),
             (&mut self.overtook, &other.overtook),
             (&mut self.damaged, &other.damaged),

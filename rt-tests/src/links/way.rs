@@ -211,7 +211,8 @@ impl Way {
             self.carried.cut += self.under_way.len() as u64;
             self.under_way.clear();
             self.again.clear();
-            self.free_ns = 0;
+            // Nothing is before what is sent next.
+            (self.free_ns, self.newest_ns) = (0, 0);
         }
     }
 }
@@ -339,6 +340,18 @@ mod tests {
         way.send(&PACKET, 50 * MS);
         assert_eq!(arrivals(&mut way), [61 * MS]);
         assert_eq!(way.carried.packets, 3);
+    }
+
+    #[test]
+    fn nothing_waits_after_a_cut_for_what_it_lost() {
+        let mut way = way(CLEAN);
+        for _ in 0..90 {
+            way.send(&PACKET, 0);
+        }
+        way.cut(true);
+        way.cut(false);
+        way.send(&PACKET, 2 * MS);
+        assert_eq!(way.next_ns(), Some(13 * MS));
     }
 
     /// A packet of TCP that carries these bytes.

@@ -32,6 +32,8 @@ pub mod trail;
 pub mod viewer;
 
 use crate::failure::Failure;
+use std::path::Path;
+use ve_station::output::check_output;
 
 /// Whether this build has the viewer.
 ///
@@ -45,4 +47,34 @@ pub fn check_viewer() -> Result<(), Failure> {
         "this build is without the viewer; build it with cargo build --release -p rt-tests --features view"
             .to_owned(),
     ))
+}
+
+/// Checks what a recording is shown in: "viewer", an address of one (with "://"), or a file, which
+/// must not be one of a recording.
+///
+/// # Errors
+/// One sentence for a file that is no .rrd, or the recording itself.
+pub fn check_target(target: &str, recording: &Path) -> Result<(), Failure> {
+    if target == "viewer" || target.contains("://") {
+        return Ok(());
+    }
+    let checked = check_output(Path::new(target), recording, "rrd");
+    checked.map_err(|error| Failure::Input(error.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_is_shown_in_a_viewer_or_a_file_of_the_viewer() {
+        let recording = Path::new("run.mcap");
+        for target in ["viewer", "rerun+http://127.0.0.1:9876/proxy", "a/run.rrd"] {
+            assert_eq!(check_target(target, recording), Ok(()), "{target}");
+        }
+        for target in ["run-0001.mcap", "127.0.0.1:9876", "Viewer", ""] {
+            let refused = check_target(target, recording).expect_err(target);
+            assert_eq!(refused.status(), 2, "{target}");
+        }
+    }
 }

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::report::output::print_json;
 use clap::Args;
 use hrtc::result::{Accumulator, Finished, Right, RunMeta, SupervisedLine};
-use hrtc::run::tick_core;
+use hrtc::run::next_tick_core;
 use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::{Pacer, Wake, Worked};
@@ -77,7 +77,7 @@ pub fn run_bare(
     typed.push(format!("--seconds={seconds}").into());
     typed.push(format!("--work-ns={}", work.ns).into());
     typed.push(format!("--slow={}", work.slow).into());
-    if let Some(core) = tick_core(plan) {
+    if let Some(core) = next_tick_core(plan) {
         typed.push(format!("--core={core}").into());
     }
     let (sender, events) = channel();

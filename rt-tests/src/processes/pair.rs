@@ -7,7 +7,7 @@ use super::stop::is_set;
 use crate::failure::Failure;
 use crate::machine::cores;
 use hrtc::result::{Finished, Status, SupervisedLine};
-use hrtc::run::tick_core;
+use hrtc::run::next_tick_core;
 use realtime::rights::monotonic_ns;
 use scene::ScenePlan;
 use scene_args::{OverrideArgs, typed_path};
@@ -96,11 +96,11 @@ impl Outcome {
     }
 }
 
-/// The core of everything but the tick, when there are two: the tick's thread binds itself to its
-/// own.
+/// The core of everything but the tick of a pair that is started now, when there are two: the
+/// tick's thread binds itself to its own. That is another one while another run has the quieter.
 #[must_use]
 pub fn other_core(plan: &ScenePlan) -> Option<usize> {
-    let tick = tick_core(&plan.loop_)?;
+    let tick = next_tick_core(&plan.loop_)?;
     (cores() >= 2).then(|| usize::from(tick == 0))
 }
 
@@ -298,7 +298,11 @@ fn take(event: Event, finished: &mut Option<Finished>, show: &mut dyn FnMut(Show
 mod tests {
     use super::super::roles::ControllerArgs;
     use super::*;
+    use crate::scenes::BUNDLED_SCENE;
     use clap::Parser;
+    use realtime::core_claim::CoreClaim;
+    use realtime::rights::usable_cores;
+    use scene::{NoFiles, Overrides, parse};
 
     #[derive(Debug, Parser)]
     struct Role {
@@ -317,6 +321,31 @@ mod tests {
         assert_eq!(read.record.as_deref(), Some(record));
         assert_eq!(read.device.as_deref(), Some(device));
         assert_eq!(typed_files(None, None), Vec::<OsString>::new());
+    }
+
+    #[test]
+    fn everything_else_stays_off_the_core_that_a_tick_gets_beside_other_runs() {
+        let (folder, overrides) = (Path::new(""), Overrides::default());
+        let plan = parse(
+            BUNDLED_SCENE,
+            "first-touch.toml",
+            folder,
+            &overrides,
+            &NoFiles,
+        )
+        .unwrap();
+        let Some(quiet) = next_tick_core(&plan.loop_) else {
+            return;
+        };
+        let cores = usable_cores();
+        let free = cores.iter().copied().find(|&core| core != quiet).unwrap();
+        // A run of somebody else may have it: then none is free.
+        if CoreClaim::take(free).is_none() {
+            return;
+        }
+        let others = cores.iter().filter(|&&core| core != free);
+        let _claims: Vec<Option<CoreClaim>> = others.map(|&core| CoreClaim::take(core)).collect();
+        assert_ne!(other_core(&plan), Some(free));
     }
 
     #[test]

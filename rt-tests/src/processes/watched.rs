@@ -118,8 +118,14 @@ impl Watched {
             if so(self) {
                 return Ok(());
             }
-            if let Some(status) = self.process.ended() {
-                return Err(self.process.failure(Some(status)).to_string());
+            if self.process.ended().is_some() {
+                // All that it said is taken before its end is judged.
+                let status = self.process.wait(Duration::ZERO);
+                self.listen();
+                if so(self) {
+                    return Ok(());
+                }
+                return Err(self.process.failure(status).to_string());
             }
             if is_set(stop) {
                 return Err("ended early on request".to_string());
@@ -132,11 +138,22 @@ impl Watched {
         }
     }
 
-    /// Waits for its own end and takes its last words.
+    /// Waits for its own end and takes its last words; it is asked to end once `stop` is set.
     ///
     /// # Errors
     /// One sentence when it does not end in time (it is ended by force then), or not well.
-    pub fn wait_for_end(&mut self, longest: Duration) -> Result<(), String> {
+    pub fn wait_for_end(&mut self, longest: Duration, stop: &AtomicBool) -> Result<(), String> {
+        let deadline = Instant::now() + longest;
+        while self.process.ended().is_none() && !is_set(stop) && Instant::now() < deadline {
+            std::thread::sleep(LOOK);
+        }
+        if is_set(stop) {
+            return self.end();
+        }
+        self.ended_within(deadline.saturating_duration_since(Instant::now()))
+    }
+
+    fn ended_within(&mut self, longest: Duration) -> Result<(), String> {
         let status = self.process.wait(longest);
         self.listen();
         match status {
@@ -151,7 +168,7 @@ impl Watched {
     /// See [`Watched::wait_for_end`].
     pub fn end(&mut self) -> Result<(), String> {
         self.process.terminate();
-        self.wait_for_end(PATIENCE)
+        self.ended_within(PATIENCE)
     }
 
     /// Ends it by SIGKILL.
@@ -179,5 +196,43 @@ pub fn pause(seconds: f64, stop: &AtomicBool) {
     let end = Instant::now() + Duration::from_secs_f64(seconds.max(0.0));
     while Instant::now() < end && !is_set(stop) {
         std::thread::sleep(LOOK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::atomic::Ordering;
+
+    fn started(program: &str, arguments: &[&str]) -> Watched {
+        let arguments: Vec<OsString> = arguments.iter().map(OsString::from).collect();
+        let around = Surroundings::default();
+        Watched::start_program("program", Path::new(program), &arguments, around)
+            .expect("the program is there")
+    }
+
+    #[test]
+    fn what_a_process_said_last_is_why_it_ended() {
+        // The end of the shell comes before the last words of what it started.
+        let script = "(sleep 0.2; echo 'error: why' >&2) & exit 2";
+        let stop = AtomicBool::new(false);
+        let ended = started("sh", &["-c", script]).wait_for("a word", &stop, |_| false);
+        assert_eq!(ended, Err("why".to_string()));
+        let script = "(sleep 0.2; echo ready >&2) & exit 0";
+        let mut ready = started("sh", &["-c", script]);
+        let came = ready.wait_for("the start", &stop, |of| of.ready_ns.is_some());
+        assert_eq!(came, Ok(()));
+    }
+
+    #[test]
+    fn a_process_is_asked_to_end_once_its_own_end_is_not_waited_for() {
+        let stop = AtomicBool::new(true);
+        let ended = started("sleep", &["600"]).wait_for_end(PATIENCE, &stop);
+        // By SIGTERM; SIGKILL would mean that the whole time was waited.
+        let said = ended.expect_err("it was ended by a signal");
+        assert!(said.contains("ended by signal 15"), "{said}");
+        stop.store(false, Ordering::Relaxed);
+        let by_itself = started("true", &[]).wait_for_end(PATIENCE, &stop);
+        assert_eq!(by_itself, Ok(()));
     }
 }

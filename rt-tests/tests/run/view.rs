@@ -41,11 +41,15 @@ fn a_picture_that_is_the_recording_or_no_png_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let recording = folder.path().join("recording.mcap");
     std::fs::write(&recording, b"all that there is of a touch").unwrap();
-    let other = folder.path().join("other.mcap");
+    let [other, second] = ["other.mcap", "recording-0001.mcap"].map(|of| folder.path().join(of));
+    std::fs::write(&second, b"and its second file").unwrap();
+    let address = folder.path().join("localhost:9876");
     let cases = [
         ("--out", &recording, "the input"),
         ("--rerun", &recording, "the input"),
         ("--out", &other, ".png"),
+        ("--rerun", &second, ".rrd"),
+        ("--rerun", &address, ".rrd"),
     ];
     for (option, path, expected) in cases {
         let mut view = rt_tests("view");
@@ -55,5 +59,7 @@ fn a_picture_that_is_the_recording_or_no_png_is_refused() {
     }
     let kept = std::fs::read(&recording).unwrap();
     assert_eq!(kept, b"all that there is of a touch");
-    assert!(!other.exists());
+    let kept = std::fs::read(&second).unwrap();
+    assert_eq!(kept, b"and its second file");
+    assert!(!other.exists() && !address.exists());
 }

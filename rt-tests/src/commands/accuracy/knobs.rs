@@ -61,6 +61,7 @@ const fn of(neighbours: bool, course: Option<Course>, landing: bool) -> Sources 
 }
 
 /// A setting to be measured.
+#[derive(Clone)]
 pub struct Variant {
     /// What is turned, and to what.
     pub point: Point,

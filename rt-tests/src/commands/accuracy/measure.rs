@@ -144,7 +144,7 @@ pub fn measure(
     let last = simulation.outputs().record;
     point.bytes = simulation.client().mesh_bytes();
     point.vsps_received = last.vsps_received;
-    let high_water = simulation.controller().cache().bytes_high_water();
+    let high_water = simulation.controller().bytes_high_water();
     point.cache_bytes = high_water as u64;
     point.rss_bytes = (high_water + FIXED_BYTES) as u64;
     point.replay_hash = simulation.controller().replay_hash() >> 11;

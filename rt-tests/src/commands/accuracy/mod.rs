@@ -35,7 +35,7 @@ use crate::trajectory::reference::Reference;
 use crate::trajectory::scene_model::{SIZE_M, SceneModel};
 use clap::Args;
 use indicatif::ProgressBar;
-use knobs::{Beside, Variant};
+use knobs::{Beside, Family, Variant};
 use measure::Measured;
 use rayon::iter::{IntoParallelIterator, ParallelIterator};
 use scene::{AccuracyPlan, PolicyPlan, RefinementPlan};
@@ -167,14 +167,19 @@ impl Session<'_> {
         let count = measured.len();
         self.begin(model, &format!("timing {count} settings in turns"))?;
         timing::time(&mut measured)?;
-        measured.extend(self.others(model, &reference)?);
+        // With the models that its settings are built with.
+        let folder = temporary()?;
+        let families = knobs::families(model, folder.path(), self.stop)?;
+        let same = families.iter().filter(|family| family.touch.is_none());
+        let of_same: Vec<Variant> = same.flat_map(|family| family.variants.clone()).collect();
+        measured.extend(self.others(model, &reference, families)?);
         let mut points: Vec<Point> = measured.into_iter().map(|setting| setting.point).collect();
         self.begin(model, "queries in 32 and 64 bits")?;
         points.extend(queries::precision(model, &reference)?);
         for point in &mut points {
             point.speed_m_per_s = self.args.speed;
         }
-        let faster = self.faster(model)?.into_iter();
+        let faster = self.faster(model, of_same)?.into_iter();
         points.extend(faster.map(|setting| setting.point));
         for point in &mut points {
             point.model_place = found.bytes.len();
@@ -204,7 +209,11 @@ impl Session<'_> {
     }
 
     /// The knobs beside the tolerance that are measured on the common touch, under a faster hand.
-    fn faster(&self, model: &mut SceneModel) -> Result<Vec<Measured>, Failure> {
+    fn faster(
+        &self,
+        model: &mut SceneModel,
+        variants: Vec<Variant>,
+    ) -> Result<Vec<Measured>, Failure> {
         let AccuracyArgs { seed, seconds, .. } = *self.args;
         let speed = FASTER * self.args.speed;
         model.set_speed(speed);
@@ -212,10 +221,6 @@ impl Session<'_> {
             .begin(model, "recording the trajectory of a faster hand")
             .and_then(|()| Reference::record(model, seed, seconds))
             .and_then(|reference| {
-                let folder = temporary()?;
-                let families = knobs::families(model, folder.path(), self.stop)?.into_iter();
-                let same = families.filter(|family| family.touch.is_none());
-                let variants = same.flat_map(|family| family.variants).collect();
                 let mut measured = self.measure_all(model, &reference, variants)?;
                 self.begin(model, "timing under a faster hand")?;
                 timing::time(&mut measured)?;
@@ -234,9 +239,8 @@ impl Session<'_> {
         &self,
         model: &mut SceneModel,
         reference: &Reference,
+        families: Vec<Family>,
     ) -> Result<Vec<Measured>, Failure> {
-        let folder = temporary()?;
-        let families = knobs::families(model, folder.path(), self.stop)?;
         let mut all = Vec::new();
         for family in families {
             let mut measured = match family.touch {

@@ -15,7 +15,7 @@ mod line;
 
 pub use line::{Line, Verdict};
 
-use crate::commands::zwidth::{measure, plate};
+use crate::commands::zwidth::{measure_until, plate};
 use crate::failure::Failure;
 use crate::machine::Machine;
 use crate::processes::bare_loop::{BareWork, run_bare};
@@ -26,13 +26,14 @@ use crate::report::table::Table;
 use crate::scenes::{SceneFile, prepare_models};
 use clap::Args;
 use hrtc::result::Finished;
-use hrtc::run::tick_core;
+use hrtc::run::next_tick_core;
 use scene::{ScenePlan, load};
 use scene_args::OverrideArgs;
 use scene_files::DiskFiles;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::path::PathBuf;
+use std::sync::atomic::AtomicBool;
 
 /// Rates of the bare loops, Hz, and the length of each, seconds.
 const RATES_HZ: [f64; 3] = [1000.0, 2000.0, 4000.0];
@@ -77,14 +78,22 @@ pub struct Check {
 /// # Errors
 /// One sentence when something cannot be measured; a bad machine is no error.
 pub fn check(args: &CheckArgs) -> Result<(), Failure> {
+    // Nothing is temporary yet, so that a request to end still ends a long build at once. Built
+    // models are kept: below they are only opened.
+    if let Some(scene) = &args.scene {
+        prepare_models(&load(scene, &args.overrides.overrides(), &DiskFiles)?)?;
+    }
+    // Before the first file in a temporary folder: an end on request removes it.
+    let stop = stop_flag()?;
     let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
     let plan = load(scene.path(), &args.overrides.overrides(), &DiskFiles)?;
     prepare_models(&plan)?;
+    check_stop(&stop)?;
     let progress = status_line();
     let mut lines = Vec::new();
     for rate in RATES_HZ {
         progress.set_message(format!("a bare loop of {rate} Hz for {LOOP_S} s"));
-        let finished = bare(&plan, rate)?;
+        let finished = bare(&plan, rate, &stop)?;
         lines.push(Line::wake_up(rate, &finished.result));
     }
     let verdicts = lines.iter().map(|line| line.verdict);
@@ -92,12 +101,13 @@ pub fn check(args: &CheckArgs) -> Result<(), Failure> {
     progress.set_message(format!("a touch of both processes for {TOUCH_S} s"));
     // What the processes say of rights and misses is in the lines.
     let mut show = |_: Shown<'_>| ();
-    let (measured, finished) = measure(scene.path(), &plan, &args.overrides, TOUCH_S, &mut show)?;
+    let (path, overrides) = (scene.path(), &args.overrides);
+    let (measured, finished) = measure_until(path, &plan, overrides, TOUCH_S, &mut show, &stop)?;
     progress.finish_and_clear();
     let device = &plan.probes[0].device;
     let k_max_n_per_m = plate(&measured, device, device.damping_ns_per_m).theory();
     lines.push(Line::rights(&finished.rights));
-    lines.push(Line::interrupts(tick_core(&plan.loop_)));
+    lines.push(Line::interrupts(next_tick_core(&plan.loop_)));
     lines.push(Line::work(plan.loop_.rate_hz, &finished.result));
     lines.push(Line::force(&plan, &measured, k_max_n_per_m));
     lines.push(Line::speed(&plan, &finished.result));
@@ -123,16 +133,22 @@ fn good_up_to(rates: impl Iterator<Item = (f64, Verdict)>) -> f64 {
 }
 
 /// A bare loop of this rate.
-fn bare(plan: &ScenePlan, rate_hz: f64) -> Result<Finished, Failure> {
-    let stop = stop_flag()?;
+fn bare(plan: &ScenePlan, rate_hz: f64, stop: &AtomicBool) -> Result<Finished, Failure> {
     let mut loop_ = plan.loop_.at_rate(rate_hz);
     loop_.spin_us = 0;
     let empty = BareWork { ns: 0, slow: 1.0 };
-    let finished = run_bare(&loop_, other_core(plan), LOOP_S, empty, &stop)?;
-    if is_set(&stop) {
+    let finished = run_bare(&loop_, other_core(plan), LOOP_S, empty, stop);
+    check_stop(stop)?;
+    finished
+}
+
+/// # Errors
+/// When the command is to end: what was cut short is no measure.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
         return Err(Failure::Run("ended on request".to_string()));
     }
-    Ok(finished)
+    Ok(())
 }
 
 fn words(found: &Check) -> String {

@@ -7,7 +7,7 @@ use crate::processes::pair::other_core;
 use crate::processes::surroundings::Surroundings;
 use crate::scenes::path_in_toml;
 use indicatif::ProgressBar;
-use scene::{Overrides, ScenePlan};
+use scene::Overrides;
 use scene_files::DiskFiles;
 use spm_builder::generate::{Shape, generate};
 use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, write_spm_file};
@@ -44,7 +44,9 @@ const DEVICE_DEPTH_M: f64 = 0.003;
 /// The bench.
 pub struct Bench<'a> {
     folder: TempDir,
-    plan: ScenePlan,
+    /// The core of everything but the tick: chosen once, while no controller of the bench has
+    /// claimed its own.
+    core: Option<usize>,
     /// Height of the model's surface over the origin, metres.
     top: f64,
     /// The model's file as it was built.
@@ -99,7 +101,7 @@ impl<'a> Bench<'a> {
         let plan = scene::load(&at("touch.toml"), &Overrides::default(), &DiskFiles)?;
         Ok(Self {
             folder,
-            plan,
+            core: other_core(&plan),
             top,
             model_bytes,
             slots,
@@ -173,7 +175,7 @@ impl<'a> Bench<'a> {
     pub fn around(&self) -> Surroundings {
         let at = |name: &str| OsString::from(self.path(name));
         Surroundings {
-            core: other_core(&self.plan),
+            core: self.core,
             variables: vec![
                 ("HRTC_CACHE", at("cache")),
                 ("TMPDIR", at("tmp")),

@@ -188,7 +188,7 @@ pub fn hostile(bench: &Bench, _kills: u64, verdicts: &mut Verdicts) -> Answer {
     let longest = PATIENCE + Duration::from_secs_f64(seconds);
     let ended: Vec<_> = others
         .iter_mut()
-        .map(|other| other.wait_for_end(longest))
+        .map(|other| other.wait_for_end(longest, bench.stop))
         .collect();
     let said = hostile.end()?;
     station.end()?;

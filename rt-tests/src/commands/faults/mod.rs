@@ -22,7 +22,7 @@ use self::bench::{Bench, MAX_SLOTS};
 use self::touch::{RESYNC_MS, Touch, Undisturbed};
 use self::verdict::{Answer, Times, Verdicts};
 pub use self::verdict::{Case, Faults, Harmed};
-use crate::failure::Failure;
+use crate::failure::{Failure, beside_measured};
 use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print, print_json, status_line};
 use crate::report::quantile::median;
@@ -160,10 +160,14 @@ pub fn of_link(kills: u64, stop: &AtomicBool) -> Result<Faults, Failure> {
         json: false,
     };
     // These have an undisturbed run of their own.
-    run(&args, stop, &|_| Ok(Undisturbed::default()))
+    let found = run(&args, stop, &|_| Ok(Undisturbed::default()))?;
+    if found.failed.is_empty() {
+        return Ok(found);
+    }
+    Err(Failure::Run(found.failed.join("; ")))
 }
 
-/// Runs the chosen cases.
+/// Runs the chosen cases; an early end is said beside those that had come to a verdict.
 fn run(
     args: &FaultsArgs,
     stop: &AtomicBool,
@@ -176,21 +180,45 @@ fn run(
     verdicts.undisturbed = undisturbed(&bench).map_err(Failure::Run)?;
     verdicts.faults.force_step_undisturbed_n = verdicts.undisturbed.step_n;
     verdicts.faults.undisturbed_fronts_differ = verdicts.undisturbed.fronts_differ;
-    for row in ROWS.iter().filter(|row| is_chosen(args, row.name)) {
-        bench.bar.set_message(row.name);
-        match (row.needs)(args) {
-            Ok(()) => {
-                let answer = (row.run)(&bench, args.kills, &mut verdicts);
-                verdicts.add(row.name, answer);
-            }
-            Err(why) => verdicts.skip(row.name, &why),
-        }
+    let ended = each(
+        ROWS.iter().filter(|row| is_chosen(args, row.name)),
+        stop,
+        &mut verdicts,
+        &mut |row, verdicts| {
+            bench.bar.set_message(row.name);
+            (row.needs)(args).map(|()| (row.run)(&bench, args.kills, verdicts))
+        },
+    );
+    bench.bar.finish_and_clear();
+    let mut found = verdicts.finish();
+    found.failed = beside_measured(ended, found.cases.is_empty())?;
+    Ok(found)
+}
+
+/// A case's answer, or why it cannot be run here.
+type Answered<'a> = dyn FnMut(&Row, &mut Verdicts) -> Result<Answer, String> + 'a;
+
+/// Runs cases, one behind the other.
+///
+/// # Errors
+/// On an early end. The case that it cut short has no verdict; those before it have theirs.
+fn each<'a>(
+    rows: impl Iterator<Item = &'a Row>,
+    stop: &AtomicBool,
+    verdicts: &mut Verdicts,
+    answered: &mut Answered<'_>,
+) -> Result<(), Failure> {
+    for row in rows {
+        let answer = answered(row, verdicts);
         if is_set(stop) {
             return Err(Failure::Run("ended early on request".to_string()));
         }
+        match answer {
+            Ok(answer) => verdicts.add(row.name, answer),
+            Err(why) => verdicts.skip(row.name, &why),
+        }
     }
-    bench.bar.finish_and_clear();
-    Ok(verdicts.finish())
+    Ok(())
 }
 
 fn check(args: &FaultsArgs) -> Result<(), Failure> {
@@ -305,6 +333,9 @@ fn words(found: &Faults) -> String {
         (_, true) => "fronts equal to a fresh start's",
         (_, false) => "fronts NOT equal to a fresh start's",
     };
+    for sentence in &found.failed {
+        let _ = writeln!(text, "at the end  {sentence}");
+    }
     if found.undisturbed_fronts_differ {
         let _ = writeln!(text, "undisturbed {FRONTS_DIFFER}");
     }
@@ -321,7 +352,7 @@ fn judge(found: &Faults) -> Result<(), Failure> {
     let named = |case: &Case| format!("{} ({})", case.name, case.what);
     let skipped = found.cases.iter().filter(|case| case.skipped);
     let skipped: Vec<String> = skipped.map(named).collect();
-    if skipped.len() == found.cases.len() {
+    if found.failed.is_empty() && skipped.len() == found.cases.len() {
         let skipped = skipped.join(", ");
         return Err(Failure::Run(format!(
             "no case could be run here: {skipped}"
@@ -332,20 +363,22 @@ fn judge(found: &Faults) -> Result<(), Failure> {
         .iter()
         .filter(|case| !case.pass && !case.skipped);
     let failed: Vec<String> = failed.map(named).collect();
-    if failed.is_empty() {
+    let mut wrong = found.failed.clone();
+    if !failed.is_empty() {
+        let differ = found.undisturbed_fronts_differ;
+        wrong.extend(differ.then(|| FRONTS_DIFFER.to_string()));
+        wrong.push(format!("failed: {}", failed.join(", ")));
+    }
+    if wrong.is_empty() {
         return Ok(());
     }
-    let failed = format!("failed: {}", failed.join(", "));
-    Err(Failure::Run(if found.undisturbed_fronts_differ {
-        format!("{FRONTS_DIFFER}; {failed}")
-    } else {
-        failed
-    }))
+    Err(Failure::Run(wrong.join("; ")))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::atomic::Ordering;
 
     fn found(cases: &[(bool, bool)]) -> Faults {
         let case = |&(pass, skipped): &(bool, bool)| Case {
@@ -374,6 +407,38 @@ mod tests {
             let error = judge(&found(&cases)).unwrap_err().to_string();
             assert!(error.contains(words), "{error}");
         }
+    }
+
+    #[test]
+    fn an_early_end_is_said_beside_the_cases_before_it() {
+        let stop = AtomicBool::new(false);
+        let ends_in = |number: usize| {
+            stop.store(false, Ordering::Relaxed);
+            let mut verdicts = Verdicts::default();
+            let mut done = 0;
+            let ended = each(ROWS.iter(), &stop, &mut verdicts, &mut |_, _| {
+                done += 1;
+                stop.store(done == number, Ordering::Relaxed);
+                // What a run that was cut short looks like says nothing.
+                Ok(Ok("good".to_string()))
+            });
+            (verdicts.finish(), ended)
+        };
+        let (mut of, ended) = ends_in(3);
+        let names: Vec<&str> = of.cases.iter().map(|case| case.name).collect();
+        assert_eq!(names, [ROWS[0].name, ROWS[1].name]);
+        of.failed = beside_measured(ended, of.cases.is_empty()).expect("two cases are there");
+        assert!(
+            words(&of).contains("ended early on request"),
+            "{}",
+            words(&of)
+        );
+        let said = judge(&of).expect_err("it is no whole").to_string();
+        assert_eq!(said, "ended early on request");
+        let (of, ended) = ends_in(1);
+        assert!(of.cases.is_empty() && ended.is_err());
+        let (of, ended) = ends_in(ROWS.len() + 1);
+        assert_eq!((of.cases.len(), ended), (ROWS.len(), Ok(())));
     }
 
     #[test]

@@ -265,7 +265,7 @@ impl<'a> Touch<'a> {
     /// When one of them does not end well.
     pub fn finish(mut self) -> Result<Touched, String> {
         let longest = PATIENCE + Duration::from_secs_f64(self.seconds);
-        let ended = self.controller.wait_for_end(longest);
+        let ended = self.controller.wait_for_end(longest, self.bench.stop);
         let station = self.station.end();
         let left = left(&self.domain, self.bench);
         ended?;

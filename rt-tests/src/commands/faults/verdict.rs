@@ -103,6 +103,8 @@ pub struct Faults {
     pub device_late_ms: Times,
     /// From the fault to zero force of that device.
     pub device_zero_ms: Times,
+    /// What ended the command early; empty where every case that was chosen has its verdict.
+    pub failed: Vec<String>,
     /// The cases.
     pub cases: Vec<Case>,
 }

@@ -232,9 +232,12 @@ fn common(other: Option<&Row>, row: &Row) -> [Criterion; 3] {
     let other = other.filter(|other| other.contact_ticks > 0);
     let step = other.map(|other| STEP_OF_LOCAL * other.force_step_per_period_n_max);
     let seen = (row.contact_ticks > 0).then_some(row.force_step_per_period_n_max);
+    let mut misses = none(row, Quantity::MissedOwnCpu, row.missed_own_cpu);
+    // Periods without a record may have been missed too.
+    misses.met &= row.unaccounted_periods == 0;
     [
         Criterion::new(Quantity::ForceStepN, step, seen),
-        none(row, Quantity::MissedOwnCpu, row.missed_own_cpu),
+        misses,
         none(
             row,
             Quantity::ContactUnboundedTicks,
@@ -308,6 +311,13 @@ mod tests {
             ];
             assert_eq!(not_met(asked, &row), expected);
         }
+    }
+
+    #[test]
+    fn periods_without_a_record_are_not_taken_for_ones_that_were_not_missed() {
+        let mut row = row(10_000, 0.3);
+        row.unaccounted_periods = 1;
+        assert_eq!(not_met(&ASKED[0], &row), [Quantity::MissedOwnCpu]);
     }
 
     #[test]

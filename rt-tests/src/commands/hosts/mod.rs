@@ -60,12 +60,15 @@ use crate::failure::Failure;
 use crate::links::hosts::STATION;
 use crate::links::points::{Guest, Point, chosen, guests};
 use crate::links::programs::missing_right;
+use crate::processes::stop::stop_flag;
 use crate::report::output::{print_either, print_json, write_json, write_whole};
 use crate::report::units::grouped;
 use crate::scenes::{SceneFile, check_seconds};
 use clap::Args;
 use scene_args::OverrideArgs;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Options of which none is for the whole.
 const NOT_LONG: [&str; 14] = [
@@ -221,6 +224,8 @@ impl HostsArgs {
 /// something was wrong whatever the link is like.
 pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
     let touches = check(args)?;
+    // Before the first file in a temporary folder: an end on request removes it.
+    let stop = stop_flag()?;
     let plan = if args.is_long() {
         Plan::new(args)?
     } else {
@@ -239,13 +244,13 @@ pub fn hosts(args: &HostsArgs) -> Result<(), Failure> {
             Ok(())
         };
     }
-    tell(args, &run(args, plan)?)
+    tell(args, &run(args, plan, stop)?)
 }
 
 /// Runs all; a failure on the way is said beside what was measured before it.
-fn run(args: &HostsArgs, plan: Plan) -> Result<Whole, Failure> {
+fn run(args: &HostsArgs, plan: Plan, stop: Arc<AtomicBool>) -> Result<Whole, Failure> {
     let of = plan.touches();
-    let mut session = Session::begin(args, of)?;
+    let mut session = Session::begin(args, of, stop)?;
     for sentence in &plan.left_out {
         eprintln!("{sentence}");
     }

@@ -329,7 +329,7 @@ impl Trial<'_> {
         let mut typed = self.calling(address);
         typed.push(format!("--seconds={TOUCH_S}").into());
         let mut controller = self.controller(&domain, &typed)?;
-        controller.wait_for_end(PATIENCE)?;
+        controller.wait_for_end(PATIENCE, self.stop)?;
         let finished = controller.finished.take();
         let result = finished
             .ok_or("a good controller ended without a result")?

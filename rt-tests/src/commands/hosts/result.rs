@@ -133,6 +133,8 @@ pub struct Row {
     pub resubscribed: u64,
     /// Periods missed by own work or own waiting.
     pub missed_own_cpu: u64,
+    /// Periods of which no record came: they are in no other figure.
+    pub unaccounted_periods: i64,
     /// Faults at the end, and figures that are left out since a value was not finite.
     pub faults: Vec<String>,
     /// Of the whole command.
@@ -223,6 +225,7 @@ impl Row {
             resent: r.resent,
             resubscribed: r.resubscribed,
             missed_own_cpu: r.missed_own_cpu,
+            unaccounted_periods: r.unaccounted_periods,
             faults: r.faults.iter().cloned().chain(not_finite).collect(),
             recorded: Recorded::default(),
             scene: Scene {
@@ -336,7 +339,20 @@ impl Found {
     #[must_use]
     pub fn wrong(&self) -> Vec<String> {
         let mut wrong = self.failed.clone();
+        // Nothing is between the two of the first.
+        if let Some(local) = self.rows.first().filter(|row| row.contact_ticks == 0) {
+            let name = local.name();
+            wrong.push(format!(
+                "{name}: nothing was touched; give more with --seconds, or a scene whose probe has a trajectory"
+            ));
+        }
         for row in &self.rows {
+            if row.unaccounted_periods != 0 {
+                let (name, periods) = (row.name(), row.unaccounted_periods);
+                wrong.push(format!(
+                    "{name}: {periods} periods without a record: they are in no figure"
+                ));
+            }
             let unbounded = row.contact_unbounded_ticks;
             if unbounded > 0 {
                 let name = row.name();
@@ -532,6 +548,33 @@ mod tests {
         found.take(touched, Ask::Nothing);
         assert_eq!(found.rows.len(), 1);
         assert_eq!(found.wrong(), ["the station ended"]);
+    }
+
+    #[test]
+    fn a_touch_that_never_was_and_periods_without_a_record_are_wrong() {
+        let never = || {
+            row(RunResult {
+                contact_ticks: 0,
+                ..result()
+            })
+        };
+        let mut found = Found::default();
+        found.add(never(), Ask::Nothing);
+        let wrong = found.wrong();
+        assert!(wrong[0].starts_with("one machine: nothing"), "{wrong:?}");
+        assert!(wrong[0].contains("--seconds"), "{wrong:?}");
+        // A link may be too long or too thin for one.
+        let mut found = Found::default();
+        found.add(row(result()), Ask::Nothing);
+        found.add(never().over(THIN, wire()), Ask::Nothing);
+        assert_eq!(found.wrong(), Vec::<String>::new());
+        found.rows[1].unaccounted_periods = -2;
+        let wrong = found.wrong();
+        assert_eq!(wrong.len(), 1);
+        assert!(
+            wrong[0].starts_with("20 ms, 0.25 Mbit/s: -2 periods"),
+            "{wrong:?}"
+        );
     }
 
     #[test]

@@ -11,7 +11,7 @@ use crate::links::hosts::{Links, STATION};
 use crate::links::points::{Guest, Point};
 use crate::links::programs::Programs;
 use crate::links::way::Shape;
-use crate::processes::stop::{is_set, stop_flag};
+use crate::processes::stop::is_set;
 use crate::report::output::{make_folder, make_folder_at, status_line};
 use crate::scenes::{SceneFile, prepare_models};
 use indicatif::ProgressBar;
@@ -119,11 +119,11 @@ pub struct Session<'a> {
 }
 
 impl<'a> Session<'a> {
-    /// Finds the programs and makes keys, for so many touches.
+    /// Finds the programs and makes keys, for so many touches until `stop` is set.
     ///
     /// # Errors
     /// What is missing, in one sentence.
-    pub fn begin(args: &'a HostsArgs, of: usize) -> Result<Self, Failure> {
+    pub fn begin(args: &'a HostsArgs, of: usize, stop: Arc<AtomicBool>) -> Result<Self, Failure> {
         let programs = Programs::find()?;
         make_folder(&args.out)?;
         let folder = tempfile::tempdir()
@@ -133,7 +133,7 @@ impl<'a> Session<'a> {
             args,
             programs,
             folder,
-            stop: stop_flag()?,
+            stop,
             bar: status_line(),
             begin: Instant::now(),
             done: 0,

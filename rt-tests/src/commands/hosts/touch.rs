@@ -142,13 +142,10 @@ impl Bench<'_> {
         let started = controllers.into_iter().enumerate().map(start);
         let mut controllers = started.collect::<Result<Vec<_>, _>>()?;
         self.disturb(relay, &mut controllers, guests);
-        if is_set(self.stop) {
-            controllers.iter_mut().for_each(|of| of.process.terminate());
-        }
         let mut failed = Vec::new();
         let mut rows = Vec::new();
         for (number, controller) in controllers.iter_mut().enumerate() {
-            let row = row_of(controller).map(|mut row| {
+            let row = row_of(controller, self.stop).map(|mut row| {
                 let read = self.read(&recording(recordings.path(), number), &mut row);
                 failed.extend(read.err());
                 row
@@ -212,8 +209,8 @@ fn recording(folder: &Path, number: usize) -> PathBuf {
 }
 
 /// What a controller came to, at its end.
-fn row_of(controller: &mut Watched) -> Result<Row, String> {
-    controller.wait_for_end(PATIENCE)?;
+fn row_of(controller: &mut Watched, stop: &AtomicBool) -> Result<Row, String> {
+    controller.wait_for_end(PATIENCE, stop)?;
     let finished = controller.finished.take();
     let finished = finished.ok_or("the controller ended without a result")?;
     let mut row = Row::of(*finished);

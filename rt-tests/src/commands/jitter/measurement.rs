@@ -13,7 +13,7 @@ use crate::processes::stop::is_set;
 use crate::report::output::status_line;
 use crate::report::quantile::median;
 use hrtc::result::{Finished, Right, RunResult};
-use hrtc::run::tick_core;
+use hrtc::run::next_tick_core;
 use indicatif::ProgressBar;
 use scene::ScenePlan;
 use scene_args::OverrideArgs;
@@ -32,9 +32,28 @@ const ROUND_S: f64 = 24.0;
 /// Shares of a round: controller, reference loop, bare loop. Controller and reference are compared
 /// by their maxima too, so they are equally long.
 const SHARES: [f64; 3] = [0.4, 0.4, 0.2];
+/// Shortest block of the controller, seconds: in less nothing is touched, since its hand waits for
+/// the path that the station makes.
+const SHORTEST_BLOCK_S: f64 = 0.5;
+/// Shortest run, seconds.
+const SHORTEST_S: f64 = SHORTEST_BLOCK_S * FEWEST_ROUNDS as f64 / SHARES[0];
 /// Wake-ups that differ by less are equal, microseconds: between deadline and tick the loop reads
 /// its clocks and the kernel's counters. A spun wake-up has no more delay than that.
 const SAME_WAKE_US: f64 = 1.0;
+
+/// Checks that a run is long enough for its blocks.
+///
+/// # Errors
+/// One sentence with the shortest.
+pub(super) fn check_blocks(seconds: f64) -> Result<(), Failure> {
+    if seconds >= SHORTEST_S {
+        return Ok(());
+    }
+    Err(Failure::Input(format!(
+        "--seconds is {seconds}, too short for {FEWEST_ROUNDS} rounds with a touch in each; write at \
+         least {SHORTEST_S}"
+    )))
+}
 
 /// What is measured.
 pub(super) struct Setup<'a> {
@@ -192,14 +211,18 @@ impl<'a> Measurement<'a> {
         self.non_finite.extend(result.non_finite.iter().cloned());
     }
 
+    /// A block with the steal during it. What an end on request looks like in its processes is no
+    /// failure of theirs.
     fn steal_over(
         &self,
+        stop: &AtomicBool,
         block: impl FnOnce() -> Result<Finished, Failure>,
     ) -> Result<Block, Failure> {
-        let core = tick_core(&self.setup.plan.loop_);
+        let core = next_tick_core(&self.setup.plan.loop_);
         let before = steal_ticks(core);
-        let done = block()?;
-        Ok((done, steal_ticks(core).saturating_sub(before)))
+        let done = block();
+        check_stop(stop)?;
+        Ok((done?, steal_ticks(core).saturating_sub(before)))
     }
 
     fn ours_block(&self, seconds: f64, stop: &AtomicBool) -> Result<Block, Failure> {
@@ -220,11 +243,7 @@ impl<'a> Measurement<'a> {
                 bar.println(format!("{name}: {line}"));
             }
         };
-        self.steal_over(|| {
-            let outcome = run_pair(&pair, stop, &mut show)?;
-            check_stop(stop)?;
-            outcome.undisturbed()
-        })
+        self.steal_over(stop, || run_pair(&pair, stop, &mut show)?.undisturbed())
     }
 
     /// A block of the loop with fixed arithmetic, or with an empty body for 0 ns.
@@ -235,7 +254,7 @@ impl<'a> Measurement<'a> {
             ns: work_ns,
             slow: 1.0,
         };
-        self.steal_over(|| run_bare(plan, core, seconds, work, stop))
+        self.steal_over(stop, || run_bare(plan, core, seconds, work, stop))
     }
 }
 
@@ -258,6 +277,14 @@ fn wake_ratio(ours: f64, theirs: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_run_without_time_for_a_touch_in_each_block_is_refused_with_the_shortest() {
+        assert_eq!(check_blocks(SHORTEST_S), Ok(()));
+        let refused = check_blocks(SHORTEST_S - 0.01).expect_err("it is too short");
+        assert_eq!(refused.status(), 2);
+        assert!(refused.to_string().ends_with("at least 6.25"), "{refused}");
+    }
 
     #[test]
     fn wake_ups_without_a_delay_are_equal_and_no_best_value_comes_from_nothing() {

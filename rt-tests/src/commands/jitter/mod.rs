@@ -22,7 +22,7 @@ mod words;
 
 pub use side::{Side, Tail};
 
-use self::measurement::{Measurement, Setup};
+use self::measurement::{Measurement, Setup, check_blocks};
 use self::verdict::{Numbers, Verdict, judge};
 use crate::failure::Failure;
 use crate::machine::Machine;
@@ -153,6 +153,7 @@ fn is_not_finite(value: &f64) -> bool {
 /// One sentence, with its status; status 1 also for a verdict other than `pass`, after the result.
 pub fn jitter(args: &JitterArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
+    check_blocks(args.seconds)?;
     // Before the first file in a temporary folder: an end on request removes it.
     let stop = stop_flag()?;
     let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;

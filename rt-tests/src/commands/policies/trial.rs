@@ -260,6 +260,24 @@ fn simulation(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::scenes::BUNDLED_SCENE;
+    use scene::{ModelSource, NoFiles, Overrides, parse};
+    use std::cell::Cell;
+    use std::path::Path;
+
+    #[test]
+    fn a_run_that_is_stopped_on_its_way_ends_at_the_next_look() {
+        let overrides = Overrides::default();
+        let plan = parse(BUNDLED_SCENE, "s", Path::new(""), &overrides, &NoFiles);
+        let mut plan = plan.expect("the scene is good");
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/golden/sphere.spm");
+        plan.objects[0].model = ModelSource::File(file.into());
+        let looks = Cell::new(0);
+        let is_stopped = || looks.replace(looks.get() + 1) == 1;
+        let mut sums = Sums::default();
+        assert_eq!(sums.run(&plan, 1.0, 1.0, is_stopped), Ok(false));
+        assert_eq!(sums.trial().ticks, LOOK_TICKS);
+    }
 
     #[test]
     fn a_tolerance_that_goes_up_and_down_turns_once_each_time() {

@@ -23,7 +23,7 @@ pub fn words(found: &Policies) -> String {
     let mut text = format!(
         "F: how many times as long every unit of work takes\n\
          full: ticks in contact at full resolution\n\
-         certified, measured: error at the contact, 0 where it is rounding\n\
+         certified, measured: error at the contact, 0 where it is rounding, none where there is none\n\
          time spent: of what a tick might take; over budget: ticks that spent more\n\
          turns: changes of direction of the tolerance\n\
          step: largest change of a force in a period\n\n{table}\n"
@@ -83,21 +83,25 @@ fn unbounded(found: &Policies) -> Vec<String> {
 fn cells(row: &Row) -> [String; 15] {
     let trial = &row.trial;
     let (certified, measured) = (&trial.certified_error_m, &trial.measured_error_m);
-    let error = |metres: f64| {
-        length(if metres <= trial.rounding_m {
-            0.0
-        } else {
-            metres
-        })
+    // A number of nothing is none, and not 0.
+    let unbounded = trial.contact_unbounded_ticks;
+    let bound = |metres: f64| match trial.contact_ticks.saturating_sub(unbounded) {
+        0 => "none".to_string(),
+        _ => length(metres),
+    };
+    let error = |metres: f64| match trial.measured_errors {
+        0 => "none".to_string(),
+        _ if metres <= trial.rounding_m => length(0.0),
+        _ => length(metres),
     };
     [
         row.scene.clone(),
         format!("{}", row.slow),
         name(row.policy).to_string(),
         percent(trial.contact_full_ticks, trial.contact_ticks),
-        length(certified.p50),
-        length(certified.p99),
-        length(certified.max),
+        bound(certified.p50),
+        bound(certified.p99),
+        bound(certified.max),
         error(measured.mean),
         error(measured.p50),
         error(measured.p99),
@@ -113,5 +117,37 @@ fn name(policy: PolicyPlan) -> &'static str {
     match policy {
         PolicyPlan::Predictive => "predictive",
         PolicyPlan::Reactive => "reactive",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::trial::Trial;
+    use super::*;
+
+    #[test]
+    fn an_error_that_nobody_measured_or_certified_is_none_and_not_0() {
+        let cells = |trial: Trial| {
+            cells(&Row {
+                scene: "a".to_string(),
+                slow: 1.0,
+                policy: PolicyPlan::Predictive,
+                trial,
+            })
+        };
+        let rounding = Trial {
+            contact_ticks: 2,
+            contact_unbounded_ticks: 1,
+            measured_errors: 1,
+            rounding_m: 1e-9,
+            ..Trial::default()
+        };
+        assert!(cells(rounding.clone())[4..11].iter().all(|of| of != "none"));
+        let nothing = Trial {
+            contact_unbounded_ticks: 2,
+            measured_errors: 0,
+            ..rounding
+        };
+        assert_eq!(cells(nothing)[4..11], ["none"; 7]);
     }
 }

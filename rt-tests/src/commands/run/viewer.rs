@@ -2,7 +2,7 @@
 //! behind the run.
 
 use crate::failure::Failure;
-use crate::pictures::check_viewer;
+use crate::pictures::{check_target, check_viewer};
 use crate::processes::process::{Event, Process};
 use std::ffi::OsString;
 use std::path::Path;
@@ -27,7 +27,7 @@ impl Viewer {
     /// A viewer that is not started yet; with another core than the tick's where there is one.
     ///
     /// # Errors
-    /// Where the build has none, or nothing is recorded.
+    /// Where the build has none, nothing is recorded, or the target is no file of a viewer.
     pub fn new(record: &Path, target: &str, core: Option<usize>) -> Result<Self, Failure> {
         check_viewer()?;
         if record == Path::new("off") {
@@ -35,6 +35,7 @@ impl Viewer {
                 "--view shows what is recorded, and nothing is recorded here".to_owned(),
             ));
         }
+        check_target(target, record)?;
         let target = format!("--rerun={target}");
         let (sender, events) = channel();
         Ok(Self {

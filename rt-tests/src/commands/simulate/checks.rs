@@ -27,7 +27,6 @@ pub struct Watch {
     period_s: f64,
     /// Periods for which a wrench is valid.
     validity: u64,
-    cache_bytes: usize,
     /// The limit of the cache, and ticks since it was changed.
     limit: (u64, u64),
     /// Whether a share of its cache is enough for a controller.
@@ -57,7 +56,6 @@ impl Watch {
             device_max_n,
             period_s,
             validity,
-            cache_bytes: plan.cache_bytes,
             limit: (plan.cache_bytes as u64, 0),
             may_be_limited: plan.cache_bytes >= AMPLE_BYTES * plan.active_objects(),
             operations: plan.loop_.operations as u32,
@@ -112,10 +110,6 @@ impl Watch {
         let done = record.vsplits + record.ecols;
         ensure(done <= self.operations, "operations of a tick", || {
             format!("{done} splits and collapses of {}", self.operations)
-        })?;
-        let bytes = record.cache_bytes.max(controller.bytes_high_water() as u64);
-        ensure(bytes <= self.cache_bytes as u64, "memory", || {
-            format!("{bytes} bytes of {}", self.cache_bytes)
         })?;
         self.check_limit(record)?;
         ensure(client.inbox_len() <= INBOX_CHUNKS, "inbox", || {

@@ -12,17 +12,18 @@
 use super::trace::{Checked, ensure};
 use protocol::{ChunkHeader, Request, RequestKind};
 use simulator::{Client, Simulation};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// A client and an object.
 type Subject = (u64, u32);
 
 /// Requests about an object as they came to the station.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug)]
 struct Heard {
     incarnation: u64,
-    /// The incarnation before, whose late requests count no more.
-    former: Option<u64>,
+    /// The incarnations before, whose late requests count no more: a run has fewer than the station
+    /// keeps.
+    former: BTreeSet<u64>,
     epoch: u32,
     /// Number of the next request.
     next: u64,
@@ -102,14 +103,17 @@ impl Conversation {
             next: 0,
             is_broken: false,
         };
-        let heard = self.heard.entry(subject).or_insert(fresh(None));
+        let heard = self.heard.entry(subject);
+        let heard = heard.or_insert_with(|| fresh(BTreeSet::new()));
         if request.incarnation != heard.incarnation {
-            if heard.former == Some(request.incarnation) {
+            if heard.former.contains(&request.incarnation) {
                 return;
             }
-            *heard = fresh(Some(heard.incarnation));
+            let mut former = std::mem::take(&mut heard.former);
+            former.insert(heard.incarnation);
+            *heard = fresh(former);
         } else if request.epoch > heard.epoch {
-            *heard = fresh(heard.former);
+            *heard = fresh(std::mem::take(&mut heard.former));
         } else if request.epoch < heard.epoch {
             return;
         }
@@ -206,6 +210,31 @@ mod tests {
         assert_eq!(check(talk.send(&request(2, 0, 0), 101)), None);
         let early = check(talk.send(&request(2, 1, 1), 101));
         assert_eq!(early, Some("chunks in their order"));
+    }
+
+    #[test]
+    fn a_late_request_of_any_former_incarnation_begins_no_epoch() {
+        let mut talk = Conversation::default();
+        for (incarnation, epoch) in [(1, 1), (2, 1), (2, 2), (3, 1)] {
+            let now = Request {
+                incarnation,
+                ..request(epoch, 0, 0)
+            };
+            talk.hear(&now);
+            let heard = &talk.heard[&(7, 0)];
+            assert_eq!((heard.incarnation, heard.epoch), (incarnation, epoch));
+            for former in 1..incarnation {
+                // It would break the epoch of the living one.
+                let late = Request {
+                    incarnation: former,
+                    ..request(9, 5, 0)
+                };
+                talk.hear(&late);
+                let heard = &talk.heard[&(7, 0)];
+                let is_left = heard.incarnation == incarnation && !heard.is_broken;
+                assert!(is_left, "{former} after {incarnation}: {heard:?}");
+            }
+        }
     }
 
     #[test]

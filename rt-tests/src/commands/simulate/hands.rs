@@ -263,6 +263,19 @@ impl HandPath {
         }
     }
 
+    /// The same, but in the air until the last press.
+    #[cfg(test)]
+    pub(super) fn hovering(mut self) -> Self {
+        let press = (PRESS_TICKS / KNOT_TICKS) as usize;
+        for knots in &mut self.knots {
+            let in_the_air = knots.len() - press;
+            for knot in &mut knots[..in_the_air] {
+                knot.height_m = HOVER_M;
+            }
+        }
+        self
+    }
+
     /// The tick, this one or a later one, of the next knot that can be come down to from free
     /// space; of this tick itself after the last.
     #[must_use]

@@ -9,12 +9,12 @@
 //! |---|---|---|
 //! | force and torque finite, within the plan's limits and its slew; zero after a fault | every tick | [`checks`] |
 //! | a contact puts out no more energy than it took in, up to what is stated there | every tick | [`checks`] |
-//! | work budget, operations, bytes of the cache, inbox, no allocation | every tick | [`checks`] |
+//! | work budget, operations, limit of the cache, inbox, no allocation | every tick | [`checks`] |
 //! | on a processor whose speed changes: a tick within its time, which is back within a second, without hunting | every tick | [`processor`] |
 //! | numbers of requests and chunks: epochs, order, silence after a loss | every tick | [`conversation`] |
 //! | every invariant of the caches, front legal split by split, boxes of the tree exact, certified errors true, proxies outside | every 100th tick and at the end | [`deep`] |
-//! | resynchronised, full resolution, force that of the spring between device and proxy, and as of a fresh controller with the same samples | at the end | [`quiet`] |
-//! | touched for half of the time | at the end | [`run`] |
+//! | resynchronised, full resolution, force that of the spring between device and proxy, and as of a fresh controller with the same samples | at the end | [`run::quiet`] |
+//! | touched for half of the time, with the last press; for a tenth of that with faults, where no kind takes the touch away | at the end | [`run`] |
 //!
 //! What is not claimed: the bits that a link flips are those that no checksum finds, so a position
 //! may become another one; until the controller is started again, only the checks of every tick and
@@ -34,7 +34,6 @@ pub mod kind;
 pub mod library;
 pub mod mutants;
 pub mod processor;
-pub mod quiet;
 pub mod run;
 pub mod scenario;
 pub mod scenes;
@@ -71,7 +70,7 @@ const MANY_SEEDS: u64 = 200;
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
     /// Run these seeds, the last not included
-    #[arg(long, value_name = "A..B", value_parser = seeds, default_value = "0..100")]
+    #[arg(long, value_name = "A..B", value_parser = seeds, default_value = "0..200")]
     pub seeds: Range<u64>,
     /// Leave out every other kind of fault and of scene
     #[arg(long, value_name = "KIND,...", value_delimiter = ',', num_args = 0..)]
@@ -86,7 +85,7 @@ pub struct SimulateArgs {
     )]
     pub weight: f64,
     /// End each run after so many ticks, without the checks of a whole run
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub ticks: Option<u64>,
     /// Put each named fault into the product in turn, until a seed of 200 finds it (a build with
     /// --features mutants); status 1 when one is not found, or a seed fails without one
@@ -125,8 +124,14 @@ pub struct Simulated {
     pub ticks_min: u64,
     /// Share of the ticks in contact, over all seeds.
     pub contact_share: f64,
-    /// The least of a seed.
+    /// The least of a seed: at least about half, since the press at the end is held so long.
     pub contact_share_min: f64,
+    /// Seeds of which it was judged that they touch while faults are on: those without a kind that
+    /// takes the touch away.
+    pub judged_in_faults: u64,
+    /// The least share in contact of these while faults were on; left out without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub contact_in_faults_min: Option<f64>,
     /// Largest work of the queries of a tick, nodes and faces.
     pub query_work_max: u32,
     /// How often each kind happened in contact.
@@ -143,6 +148,15 @@ pub struct Simulated {
     pub not_reached: Vec<String>,
     /// The seeds that failed.
     pub violations: Vec<SeedFailed>,
+}
+
+impl Simulated {
+    /// Adds a seed that was judged: its share in contact while faults were on.
+    fn judge_in_faults(&mut self, share: f64) {
+        self.judged_in_faults += 1;
+        let least = self.contact_in_faults_min.map_or(share, |of| of.min(share));
+        self.contact_in_faults_min = Some(least);
+    }
 }
 
 /// A seed that failed.
@@ -171,7 +185,8 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     }
     let found = run_seeds(args, &Library::build()?);
     let printed = Printed::of(&found, &found.violations);
-    print_either(args.json, &words(&found), &printed)?;
+    let is_whole = reduction(args) == Reduction::default();
+    print_either(args.json, &words(&found, is_whole), &printed)?;
     if found.violations.is_empty() {
         return is_covered(args, &found);
     }
@@ -329,6 +344,9 @@ pub fn run_seeds(args: &SimulateArgs, library: &Library) -> Simulated {
                 found.ticks_min = found.ticks_min.min(run.length);
                 let share = run.contact as f64 / run.ticks.max(1) as f64;
                 found.contact_share_min = found.contact_share_min.min(share);
+                if let Some(share) = run.contact_in_faults {
+                    found.judge_in_faults(share);
+                }
                 found.query_work_max = found.query_work_max.max(run.query_work_max);
                 coverage.add(&run.coverage);
             }
@@ -368,21 +386,31 @@ fn shown(failed: &Failed) -> SeedFailed {
     }
 }
 
-fn words(found: &Simulated) -> String {
+/// `is_whole`: whether nothing of the runs was left out, so that they are to reach everything.
+fn words(found: &Simulated, is_whole: bool) -> String {
     let mut text = String::new();
     for failed in &found.violations {
         let _ = writeln!(text, "{}", failed.text);
     }
+    let in_faults = found.contact_in_faults_min.map_or_else(
+        || "no seed judged while faults were on".to_string(),
+        |least| {
+            let (judged, percent) = (found.judged_in_faults, 100.0 * least);
+            format!("of {judged} judged seeds at least {percent:.1} % while faults were on")
+        },
+    );
     let _ = writeln!(
         text,
-        "{} seeds, {} failed; {} ticks of controllers, the shortest run {} ticks; in contact {:.1} % of the time, of a seed at least {:.1} %",
+        "{} seeds, {} failed; {} ticks of controllers, the shortest run {} ticks; in contact {:.1} % of the time, {in_faults}",
         found.seeds,
         found.violations.len(),
         grouped(found.ticks),
         found.ticks_min,
         100.0 * found.contact_share,
-        100.0 * found.contact_share_min,
     );
+    if is_whole && !found.not_reached.is_empty() {
+        let _ = writeln!(text, "not reached: {}", found.not_reached.join(", "));
+    }
     text
 }
 
@@ -443,6 +471,35 @@ mod tests {
         assert_eq!(bad["first_failing_seed"], 3);
         assert_eq!(bad["violations"][0]["violation"]["check"], "slew limit");
         assert!(!has_null(&bad), "{bad}");
+    }
+
+    #[test]
+    fn what_whole_runs_did_not_reach_is_said() {
+        let found = Simulated {
+            not_reached: vec!["cut in contact".to_string()],
+            ..Simulated::default()
+        };
+        assert!(words(&found, true).contains("not reached: cut in contact"));
+        assert!(!words(&found, false).contains("not reached"));
+    }
+
+    #[test]
+    fn a_touch_during_the_faults_is_said_of_the_seeds_that_were_judged_alone() {
+        let mut found = Simulated::default();
+        let text = words(&found, true);
+        assert!(
+            text.contains("no seed judged") && !text.contains("100.0 %"),
+            "{text}"
+        );
+        let none = json(&found, &[]);
+        assert_eq!(none["judged_in_faults"], 0);
+        assert_eq!(none.get("contact_in_faults_min"), None);
+        for share in [0.5, 0.25, 0.75] {
+            found.judge_in_faults(share);
+        }
+        let text = words(&found, true);
+        assert!(text.contains("of 3 judged seeds at least 25.0 %"), "{text}");
+        assert_eq!(json(&found, &[])["contact_in_faults_min"], 0.25);
     }
 
     fn mutants(violations: Vec<SeedFailed>, seeds_needed: i64) -> MutantsFound {

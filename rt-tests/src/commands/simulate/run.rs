@@ -1,14 +1,18 @@
 //! One seed's run: the cores, the faults as they were drawn, and the checks.
 
+mod cover;
+pub mod quiet;
+#[cfg(test)]
+mod tests;
+
 use super::conversation::Conversation;
 use super::coverage::Coverage;
 use super::deep;
 use super::hands::{HOVER_TICKS, LIFT_TICKS};
 use super::kind::Kind;
 use super::library::{Bytes, Library};
-use super::quiet;
 use super::scenario::{BEFORE_HOLD_TICKS, Event, HOLD_TICKS, Scenario};
-use super::side::Side;
+use super::side::{DEVICE_MAX_N, Side};
 use super::trace::{Checked, Trace, ensure};
 use crate::failure::Failure;
 use glam::DVec3;
@@ -21,8 +25,6 @@ use simulator::{
 };
 use station_core::station::Station;
 
-/// Largest force of the devices, newtons.
-pub const DEVICE_MAX_N: f64 = 10.0;
 /// Ticks between two looks at everything.
 const DEEP_TICKS: u64 = 100;
 /// Length of the tours that are asked for, seconds.
@@ -38,8 +40,24 @@ const FIRST_CLIENT: u64 = 7;
 /// Ticks by which a last press may be held longer, so that contact is half of the run: also where
 /// a fault from the first tick on lets no hand touch before it.
 const LONGER_TICKS: u64 = BEFORE_HOLD_TICKS + BEFORE_HOLD_TICKS / 10 - HOLD_TICKS;
-/// Least share of a run in contact.
-const LEAST_CONTACT: f64 = 0.5;
+/// Share of a whole run in contact, up to which its last press is held.
+const CONTACT: f64 = 0.5;
+/// Share of the time with faults in contact, below which a run has tested little: of what hands do
+/// (see `hands`), nine tenths of the time are pressed in on the average.
+const CONTACT_IN_FAULTS: f64 = 0.1;
+/// Kinds that take the touch away, or let none begin, for as long as they please.
+const WITHOUT_TOUCH: [Kind; 10] = [
+    Kind::Damage,
+    Kind::Cut,
+    Kind::StationDown,
+    Kind::OtherVersion,
+    Kind::Rebuilt,
+    Kind::ControllerRestart,
+    Kind::Missing,
+    Kind::SmallCache,
+    Kind::Early,
+    Kind::OtherScene,
+];
 
 /// See the module.
 pub struct Run<'a> {
@@ -61,6 +79,8 @@ pub struct Run<'a> {
     /// Ends of what lasts: the events that are on.
     lasting: Vec<Event>,
     is_quiet: bool,
+    /// Ticks of all controllers, and those in contact, when the faults began and when they ended.
+    at_faults: [[u64; 2]; 2],
 }
 
 /// What a run was like.
@@ -70,6 +90,9 @@ pub struct Outcome {
     pub ticks: u64,
     /// Of them in contact.
     pub contact: u64,
+    /// Share in contact while faults were on; none where the run does not come to their end, or has
+    /// a kind that takes the touch away.
+    pub contact_in_faults: Option<f64>,
     /// Virtual time, ticks.
     pub length: u64,
     /// Largest work of the queries of a tick.
@@ -161,6 +184,7 @@ impl<'a> Run<'a> {
             incarnation: STATION,
             lasting: Vec::new(),
             is_quiet: false,
+            at_faults: [[0; 2]; 2],
         })
     }
 
@@ -178,7 +202,7 @@ impl<'a> Run<'a> {
             let tick = self.simulation.tick();
             if tick >= end {
                 let may_go_on = is_whole && end < self.scenario.ticks + LONGER_TICKS;
-                if !may_go_on || self.contact_share() >= LEAST_CONTACT + 0.01 {
+                if !may_go_on || self.contact_share() >= CONTACT + 0.01 {
                     break;
                 }
                 end += DEEP_TICKS;
@@ -191,9 +215,16 @@ impl<'a> Run<'a> {
             self.look(trace)?;
             quiet::check(self, trace)?;
             let share = self.contact_share();
-            ensure(share >= LEAST_CONTACT, "contact half of the time", || {
+            // The press at the end is held until it is so, so a touch that ends there is not.
+            ensure(share >= CONTACT, "held at the end", || {
                 format!("in contact {:.1} % of the time", 100.0 * share)
             })?;
+            let share = self.contact_in_faults().unwrap_or(1.0);
+            ensure(
+                share >= CONTACT_IN_FAULTS,
+                "touched during the faults",
+                || format!("in contact {:.1} % of their time", 100.0 * share),
+            )?;
         }
         Ok(self.outcome())
     }
@@ -201,6 +232,12 @@ impl<'a> Run<'a> {
     fn contact_share(&self) -> f64 {
         let [ticks, contact] = self.sum();
         contact as f64 / ticks.max(1) as f64
+    }
+
+    fn contact_in_faults(&self) -> Option<f64> {
+        let is_judged = self.is_quiet && !WITHOUT_TOUCH.iter().any(|&of| self.scenario.has(of));
+        let [[from, touched], [to, then]] = self.at_faults;
+        is_judged.then(|| (then - touched) as f64 / (to - from).max(1) as f64)
     }
 
     fn sum(&self) -> [u64; 2] {
@@ -217,6 +254,7 @@ impl<'a> Run<'a> {
         Outcome {
             ticks,
             contact,
+            contact_in_faults: self.contact_in_faults(),
             length: self.simulation.tick(),
             query_work_max: work.max().unwrap_or(0),
             hash: self.simulation.hash(),
@@ -231,6 +269,7 @@ impl<'a> Run<'a> {
         let scenario = self.scenario;
         let [from, to] = scenario.faulty;
         if tick == from {
+            self.at_faults[0] = self.sum();
             self.disturb(scenario.link, scenario.samples);
             trace.event(format!(
                 "faults on: {:?}; {:?}",
@@ -421,6 +460,7 @@ impl<'a> Run<'a> {
             self.start_station()?;
         }
         self.is_quiet = true;
+        self.at_faults[1] = self.sum();
         self.disturb(LinkModel::default(), SampleModel::default());
         self.ask_for_what_the_scene_asks();
         for k in 0..self.sides.len() {
@@ -452,8 +492,11 @@ impl<'a> Run<'a> {
             .iter()
             .map(|side| (side.stalls_until <= tick).then_some(Drive::Hands))
             .collect();
-        for k in 0..self.sides.len() {
-            self.lead(tick, k);
+        for (k, drive) in drives.iter().enumerate() {
+            // One that is started within a stall has its first tick after it.
+            if drive.is_some() || !self.sides[k].is_new {
+                self.lead(tick, k);
+            }
         }
         self.simulation.advance_each(&drives, &mut NoObserver);
         self.conversation.check_station(&self.simulation)?;
@@ -529,52 +572,8 @@ impl<'a> Run<'a> {
                 side.held = contacts.map(Option::is_some).collect();
             }
         }
-        self.cover(k);
+        self.cover(tick, k);
         Ok(())
-    }
-
-    fn cover(&mut self, k: usize) {
-        let (side, client) = (&mut self.sides[k], &self.simulation.clients()[k]);
-        let record = &client.outputs().record;
-        let coverage = &mut self.coverage;
-        let faults = client.sample_faults();
-        let samples = [faults.noisy, faults.spikes, faults.nonsense, faults.missing];
-        let kinds = [Kind::Noise, Kind::Spikes, Kind::Nonsense, Kind::Missing];
-        if record.contact {
-            for ((kind, now), before) in kinds.into_iter().zip(samples).zip(side.samples_before) {
-                coverage.met(kind, now - before);
-            }
-            let lasting = |kind: &Kind| {
-                kind.is_of_scene()
-                    || (!self.is_quiet && *kind <= Kind::Bandwidth)
-                    || (!self.is_quiet && [Kind::Early, Kind::Compact].contains(kind))
-            };
-            for &kind in self.scenario.kinds.iter().filter(|kind| lasting(kind)) {
-                coverage.met(kind, 1);
-            }
-            coverage.reached("contact at full resolution", u64::from(record.contact_full));
-            coverage.reached("geomorphs in contact", u64::from(record.geomorphing > 0));
-            coverage.reached(
-                "steps left for later",
-                u64::from(record.unfinished + record.early),
-            );
-        }
-        side.samples_before = samples;
-        let controller = client.controller();
-        if controller.has_faults() {
-            let mut faults = controller.faults();
-            let is_other = faults.any(|(_, fault)| fault == Fault::AnotherModel) && record.contact;
-            coverage.reached(
-                "models of another version found in contact",
-                u64::from(is_other),
-            );
-            let is_lost = controller.fault() == Some(Fault::UnknownModel);
-            coverage.reached("models of another scene found", u64::from(is_lost));
-        }
-        coverage.reached("epochs ended", record.resubscribed);
-        coverage.reached("records evicted", record.evicted);
-        coverage.reached("samples rejected", u64::from(record.rejected_sample));
-        coverage.reached("forces clamped", u64::from(record.clamped));
     }
 
     fn look_at(&mut self, k: usize) -> Checked {

@@ -5,10 +5,12 @@ use super::deep::Belief;
 use super::hands::{HOVER_M, HandPath};
 use super::kind::Kind;
 use super::processor::Processor;
-use super::run::DEVICE_MAX_N;
 use super::scenario::{Scenario, stream};
 use glam::DVec3;
 use haptic_device::Sample;
+
+/// Largest force of the devices, newtons.
+pub const DEVICE_MAX_N: f64 = 10.0;
 
 /// A controller with what is known about it.
 #[derive(Debug)]
@@ -37,6 +39,8 @@ pub struct Side {
     pub(super) is_new: bool,
     /// What its samples had gone through before this tick.
     pub(super) samples_before: [u64; 4],
+    /// What its link had done to messages before this tick.
+    pub(super) messages_before: [u64; 4],
     /// Which probes still touched at the end of the wait before the last press: a proxy on the far
     /// side of a thin part, through which the hand has gone.
     pub held: Vec<bool>,
@@ -76,6 +80,7 @@ impl Side {
             waits_until: vec![0; plan.probes.len()],
             is_new: false,
             samples_before: [0; 4],
+            messages_before: [0; 4],
             held: Vec::new(),
             forces: Vec::new(),
             samples: Vec::new(),
@@ -93,5 +98,6 @@ impl Side {
             *until = path.next_open(tick);
         }
         self.samples_before = [0; 4];
+        self.messages_before = [0; 4];
     }
 }

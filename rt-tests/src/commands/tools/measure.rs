@@ -1,6 +1,7 @@
 //! A tool led over a model, and beside every tick a reference: the same proxy from the same state,
 //! with no limit to its work.
 
+use super::check_stop;
 use super::row::{Row, TickDifference, TickSums};
 use crate::failure::Failure;
 use crate::trajectory::virtual_scene::{make_ready_led, virtual_scene};
@@ -12,6 +13,7 @@ use hrtc_core::record::max_or_nan;
 use hrtc_core::{Stage, StageObserver, ToolBefore};
 use scene::ScenePlan;
 use simulator::Drive;
+use std::sync::atomic::AtomicBool;
 
 /// Steps of the reference in its tick. What is not settled then is at rest as far as a hand can
 /// tell.
@@ -60,16 +62,22 @@ impl StageObserver for Reference {
     }
 }
 
+/// Ticks between two looks at the flag that ends a measurement.
+const LOOK_TICKS: u64 = 256;
+
 /// Leads the tool of a scene over its object, for so many seconds.
 ///
 /// # Errors
-/// When the model cannot be served, or the tool touches nothing.
+/// When the model cannot be served, the tool touches nothing, or `stop` is set: a part of a tour is
+/// no row.
 pub fn measure(
     plan: &ScenePlan,
     names: [&str; 2],
     seed: u64,
     seconds: f64,
+    stop: &AtomicBool,
 ) -> Result<Row, Failure> {
+    check_stop(stop)?;
     let (mut simulation, _) = virtual_scene(plan, seconds)?;
     make_ready_led(&mut simulation)?;
     let frame = simulation.controller().frame();
@@ -87,7 +95,10 @@ pub fn measure(
     let mut sums = TickSums::new(names, seed, stiffness_n_per_m);
     let ticks = (seconds * plan.loop_.rate_hz).round() as u64;
     let mut device = None;
-    for _ in 0..ticks {
+    for tick in 0..ticks {
+        if tick.is_multiple_of(LOOK_TICKS) {
+            check_stop(stop)?;
+        }
         reference.placed = None;
         let outputs = simulation.advance(Drive::Hands, &mut reference);
         let record = outputs.record;
@@ -117,7 +128,7 @@ pub fn measure(
     }
     if sums.contact_ticks() == 0 {
         return Err(Failure::Run(format!(
-            "{}: the tool touches nothing: give more with --seconds",
+            "{} seed {seed}: the tool touches nothing: give more with --seconds",
             names[0]
         )));
     }

@@ -14,6 +14,7 @@ mod row;
 
 use crate::failure::Failure;
 use crate::models::source::source;
+use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_bar};
 use crate::report::table::Table;
 use crate::report::units::grouped;
@@ -26,8 +27,10 @@ use scene::{
     ModelScale, ModelSource, NoFiles, Overrides, ProbeShape, ScenePlan, TrajectoryPlan, parse,
 };
 use serde::Serialize;
+use std::fmt::Write as _;
 use std::ops::RangeInclusive;
 use std::path::Path;
+use std::sync::atomic::AtomicBool;
 
 /// The scene: a capsule strokes an object, its axis along the normal.
 const SCENE: &str = include_str!("../../../../config/scenes/tool.toml");
@@ -81,37 +84,75 @@ pub struct ToolsArgs {
 /// What is printed as JSON.
 #[derive(Debug, Serialize)]
 pub struct Tools {
-    /// One for each model and seed.
+    /// One for each model and seed that came to an end.
     pub rows: Vec<Row>,
+    /// Why others did not, a sentence each; empty where every row was measured.
+    pub failed: Vec<String>,
+}
+
+impl Tools {
+    /// Of what each row came to.
+    ///
+    /// # Errors
+    /// The first failure where nothing was measured: it is all that there is to say.
+    fn of(measured: Vec<Result<Row, Failure>>) -> Result<Self, Failure> {
+        let (mut rows, mut failures) = (Vec::new(), Vec::new());
+        for of in measured {
+            match of {
+                Ok(row) => rows.push(row),
+                // An end on request is said once, however many rows it cut short.
+                Err(failure) if failures.contains(&failure) => {}
+                Err(failure) => failures.push(failure),
+            }
+        }
+        if rows.is_empty() && !failures.is_empty() {
+            return Err(failures.swap_remove(0));
+        }
+        let failed = failures.iter().map(Failure::to_string).collect();
+        Ok(Self { rows, failed })
+    }
+
+    /// Whether every row was measured and keeps the limits.
+    ///
+    /// # Errors
+    /// With all that is not so.
+    fn judge(&self) -> Result<(), Failure> {
+        let mut wrong = self.failed.clone();
+        let broken = self.rows.iter().filter(|row| !row.broken().is_empty());
+        let broken: Vec<String> = broken
+            .map(|row| {
+                let (model, seed) = (&row.model, row.seed);
+                format!("{model} seed {seed}: {}", row.broken().join(", "))
+            })
+            .collect();
+        if !broken.is_empty() {
+            wrong.push(format!("beyond a limit: {}", broken.join("; ")));
+        }
+        if wrong.is_empty() {
+            return Ok(());
+        }
+        Err(Failure::Run(wrong.join("; ")))
+    }
 }
 
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence: status 2 for bad input, 1 when a limit is not kept.
+/// One sentence: status 2 for bad input, 1 when a limit is not kept, or a row could not be measured
+/// beside others.
 pub fn tools(args: &ToolsArgs) -> Result<(), Failure> {
     let found = run(args)?;
     print_either(args.json, &table(&found), &found)?;
-    let broken: Vec<String> = found
-        .rows
-        .iter()
-        .filter(|row| !row.broken().is_empty())
-        .map(|row| {
-            format!(
-                "{} seed {}: {}",
-                row.model,
-                row.seed,
-                row.broken().join(", ")
-            )
-        })
-        .collect();
-    if broken.is_empty() {
-        return Ok(());
+    found.judge()
+}
+
+/// # Errors
+/// When the command is to end.
+fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
+    if is_set(stop) {
+        return Err(Failure::Run("ended on request".to_string()));
     }
-    Err(Failure::Run(format!(
-        "beyond a limit: {}",
-        broken.join("; ")
-    )))
+    Ok(())
 }
 
 /// A tool on a model.
@@ -121,30 +162,42 @@ struct Pair {
     plan: ScenePlan,
 }
 
-/// Measures what was asked for.
+/// Measures what was asked for; what cannot be measured is said beside the rest.
 ///
 /// # Errors
-/// When a model cannot be read or served, or a number is out of range.
+/// When a model cannot be read, a number is out of range, or nothing was measured.
 pub fn run(args: &ToolsArgs) -> Result<Tools, Failure> {
     let seconds = args
         .seconds
         .unwrap_or(if args.quick { QUICK_SECONDS } else { SECONDS });
     check_seconds(seconds)?;
     let seeds = args.seeds.unwrap_or(if args.quick { 1 } else { SEEDS });
+    // Nothing is temporary yet, so that a request to end still ends a long build at once. The comb
+    // is a file in a temporary folder, and small.
+    let models = models(args);
+    let built = models.iter().map(|typed| match typed.as_str() {
+        COMB => Ok(None),
+        typed => prepared(typed, args.faces, Path::new("")).map(Some),
+    });
+    let built: Vec<Option<Pair>> = built.collect::<Result<_, _>>()?;
+    // Before the first file in a temporary folder: an end on request removes it.
+    let stop = stop_flag()?;
     let folder = tempfile::tempdir()
         .map_err(|error| Failure::Run(format!("there is no temporary folder ({error})")))?;
     let mut pairs = Vec::new();
-    for typed in models(args) {
-        let pair = pair(&typed, args.faces, folder.path())?;
-        prepare_models(&pair.plan)?;
-        pairs.push(pair);
+    for pair in built {
+        check_stop(&stop)?;
+        pairs.push(match pair {
+            Some(pair) => pair,
+            None => prepared(COMB, args.faces, folder.path())?,
+        });
     }
     let runs: Vec<(&Pair, u64)> = pairs
         .iter()
         .flat_map(|pair| (1..=seeds).map(move |seed| (pair, seed)))
         .collect();
     let bar = status_bar(runs.len() as u64);
-    let rows: Result<Vec<Row>, Failure> = runs
+    let measured: Vec<Result<Row, Failure>> = runs
         .par_iter()
         .map(|&(pair, seed)| {
             let row = measure::measure(
@@ -152,6 +205,7 @@ pub fn run(args: &ToolsArgs) -> Result<Tools, Failure> {
                 [&pair.model, &pair.tool],
                 seed,
                 seconds,
+                &stop,
             )?;
             bar.set_message(format!("{} seed {seed}", pair.model));
             bar.inc(1);
@@ -160,7 +214,7 @@ pub fn run(args: &ToolsArgs) -> Result<Tools, Failure> {
         })
         .collect();
     bar.finish_and_clear();
-    Ok(Tools { rows: rows? })
+    Tools::of(measured)
 }
 
 /// The models that were typed, or the default ones.
@@ -218,6 +272,13 @@ fn pair(typed: &str, faces: u32, folder: &Path) -> Result<Pair, Failure> {
     })
 }
 
+/// The same with its model built.
+fn prepared(typed: &str, faces: u32, folder: &Path) -> Result<Pair, Failure> {
+    let pair = pair(typed, faces, folder)?;
+    prepare_models(&pair.plan)?;
+    Ok(pair)
+}
+
 fn with_seed(plan: &ScenePlan, to: u64) -> ScenePlan {
     let mut plan = plan.clone();
     if let TrajectoryPlan::Tour { seed, .. } = &mut plan.probes[0].trajectory {
@@ -254,12 +315,42 @@ fn table(found: &Tools) -> String {
             row.broken().join(", "),
         ]);
     }
-    format!("a tool beside the same with unlimited work in every tick\n{table}")
+    let mut text = format!("a tool beside the same with unlimited work in every tick\n{table}");
+    for sentence in &found.failed {
+        let _ = writeln!(text, "{sentence}");
+    }
+    text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_row_that_fails_takes_no_other_with_it() {
+        let failure = |why: &str| Failure::Run(why.to_string());
+        let row = |seed| Row {
+            model: "relief".to_string(),
+            seed,
+            ..Row::default()
+        };
+        let ended = || Err(failure("ended on request"));
+        let measured = vec![ended(), Ok(row(1)), Err(failure("nothing")), ended()];
+        let found = Tools::of(measured).expect("a row is there");
+        assert_eq!((found.rows.len(), found.rows[0].seed), (1, 1));
+        assert_eq!(found.failed, ["ended on request", "nothing"]);
+        let text = table(&found);
+        assert!(
+            text.contains("relief") && text.contains("nothing"),
+            "{text}"
+        );
+        let said = found.judge().expect_err("rows are missing").to_string();
+        assert!(said.starts_with("ended on request; nothing"), "{said}");
+        // All that there is to say, with its status.
+        let input = Failure::Input("no mesh".to_string());
+        let none = Tools::of(vec![Err(input.clone()), ended()]);
+        assert_eq!(none.err(), Some(input));
+    }
 
     #[test]
     fn the_faces_that_are_let_in_are_those_of_a_scene() {

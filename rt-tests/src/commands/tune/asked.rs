@@ -79,6 +79,8 @@ impl Asked {
         let costs = [
             ("the time", self.time_us, cost.time_us),
             ("the bytes", self.bytes, cost.bytes),
+            // Never broken while caches keep within what they are given: what limits the memory is
+            // how coarse the front has to be in it, which the search judges.
             ("the memory", self.memory_bytes, cost.memory_bytes),
         ];
         let mut broken = costs.iter().filter(|of| !keeps(of.1, of.2));

@@ -31,15 +31,15 @@ use crate::scenes::{SceneFile, check_seconds, prepare_models};
 use clap::Args;
 use hrtc::run::FIXED_BYTES;
 use indicatif::ProgressBar;
-use scene::{RefinementPlan, ScenePlan};
+use scene::{ObjectPlan, RefinementPlan, ScenePlan};
 use scene_args::OverrideArgs;
 use search::{ERROR, Tried, Verdict, corrected, edge, finer, rounded};
 use serde::Serialize;
 use std::path::PathBuf;
 use trial::{Bench, MORE_COARSER, Mode, RUNS, Run, Settings};
 
-/// The dial reaches from so many diagonals, below which every scan is at full resolution, to one,
-/// at which everything is at its base mesh.
+/// The dial reaches from so many diagonals of the smallest object, below which every scan is at
+/// full resolution, to one of the largest, at which everything is at its base mesh.
 const DIAL: (f64, f64) = (1e-6, 1.0);
 /// An error in virtual time is to be below what was asked for by this factor, and a time of the
 /// search: the hand of a real run goes another path by microns, and its ticks differ. It is below
@@ -117,8 +117,9 @@ pub struct Tuned {
 pub fn tune(args: &TuneArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     let asked = args.limits.parsed()?;
-    let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
+    // Before the first file in a temporary folder: an end on request removes it.
     let stop = stop_flag()?;
+    let scene = SceneFile::named_or_bundled(args.scene.as_deref())?;
     let bench = Bench {
         scene: scene.path(),
         overrides: &args.overrides,
@@ -163,7 +164,7 @@ impl<'a> Search<'a> {
                 plan.name
             )));
         }
-        let diagonal_m = diagonal_m(&plan)?;
+        let dial = dial(&diagonals_m(&plan)?);
         let cache_bytes = match asked.memory_bytes {
             None => plan.cache_bytes,
             Some(memory) => (memory as usize).checked_sub(FIXED_BYTES).ok_or_else(|| {
@@ -173,7 +174,6 @@ impl<'a> Search<'a> {
                 ))
             })?,
         };
-        let dial = (rounded(DIAL.0 * diagonal_m), rounded(DIAL.1 * diagonal_m));
         Ok(Self {
             bench,
             asked,
@@ -497,13 +497,36 @@ impl Limit {
 /// A cache with room for any model that a scene touches in seconds.
 const AMPLE_BYTES: usize = 256 << 20;
 
-/// Diagonal of the first object, metres.
-fn diagonal_m(plan: &ScenePlan) -> Result<f64, Failure> {
+/// Diagonals of the objects, metres.
+fn diagonals_m(plan: &ScenePlan) -> Result<Vec<f64>, Failure> {
     let opened = prepare_models(plan)?;
-    let name = plan.objects[0].model.name();
-    let model = opened.models.iter().find(|model| model.name == name);
-    let model = model.ok_or_else(|| Failure::Run(format!("{name} is not there")))?;
-    let header = model.file.model_header();
-    let longest = ve_station::inspect::longest_side(&header);
-    Ok(header.diagonal * plan.objects[0].scale.metres_per_unit(longest))
+    let diagonal_m = |object: &ObjectPlan| -> Result<f64, Failure> {
+        let name = object.model.name();
+        let model = opened.models.iter().find(|model| model.name == name);
+        let model = model.ok_or_else(|| Failure::Run(format!("{name} is not there")))?;
+        let header = model.file.model_header();
+        let longest = ve_station::inspect::longest_side(&header);
+        Ok(header.diagonal * object.scale.metres_per_unit(longest))
+    };
+    plan.objects.iter().map(diagonal_m).collect()
+}
+
+/// The dial's ends for objects of these diagonals, metres: the tolerance is that of all of them.
+fn dial(diagonals_m: &[f64]) -> (f64, f64) {
+    let smallest = diagonals_m.iter().copied().fold(f64::INFINITY, f64::min);
+    let largest = diagonals_m.iter().copied().fold(0.0, f64::max);
+    (rounded(DIAL.0 * smallest), rounded(DIAL.1 * largest))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_dial_reaches_over_all_objects_of_a_scene() {
+        for diagonals_m in [[0.02, 2.0], [2.0, 0.02]] {
+            assert_eq!(dial(&diagonals_m), (2e-8, 2.0), "{diagonals_m:?}");
+        }
+        assert_eq!(dial(&[0.3]), (3e-7, 0.3));
+    }
 }

@@ -192,7 +192,7 @@ impl Bench<'_> {
             return Err(failed(fault.as_deref().unwrap_or(NOTHING_TOUCHED)));
         }
         cost.check_finite()?;
-        let high_water = simulation.controller().cache().bytes_high_water();
+        let high_water = simulation.controller().bytes_high_water();
         let record = simulation.outputs().record;
         cost.bytes = record.bytes_received as f64;
         cost.evicted = record.evicted;

@@ -3,13 +3,14 @@
 mod rerun;
 
 use crate::failure::Failure;
+use crate::pictures::check_target;
 use crate::pictures::playback::Playback;
 use crate::pictures::shots::{FRAME_MS, Shots};
 use crate::report::output::{print, status_line, write_whole};
 use clap::Args;
 use picture::{PictureError, animation};
-use std::path::{Path, PathBuf};
-use ve_station::output::{OutputError, check_is_not_input, check_output};
+use std::path::PathBuf;
+use ve_station::output::{OutputError, check_output};
 
 /// Arguments of `rt-tests view`.
 #[derive(Debug, Args)]
@@ -41,7 +42,7 @@ pub struct ViewArgs {
 pub fn view(args: &ViewArgs) -> Result<(), Failure> {
     let refused = |error: OutputError| Failure::Input(error.to_string());
     if let Some(target) = &args.rerun {
-        check_is_not_input(Path::new(target), &args.file).map_err(refused)?;
+        check_target(target, &args.file)?;
         return rerun::view(&args.file, target);
     }
     let default = if args.film {

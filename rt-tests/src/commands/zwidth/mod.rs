@@ -239,23 +239,12 @@ fn check_stop(stop: &AtomicBool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Runs the scene with stamps.
+/// Runs the scene with stamps, until its time is over or `stop` is set.
 ///
 /// # Errors
 /// When a process fails or starts again, the device touches too little, or the run is ended on
 /// request.
-pub(super) fn measure(
-    scene: &Path,
-    plan: &ScenePlan,
-    overrides: &OverrideArgs,
-    seconds: f64,
-    show: &mut dyn FnMut(Shown),
-) -> Result<(RealLoop, Finished), Failure> {
-    measure_until(scene, plan, overrides, seconds, show, &*stop_flag()?)
-}
-
-/// The same, ended by a flag.
-fn measure_until(
+pub(super) fn measure_until(
     scene: &Path,
     plan: &ScenePlan,
     overrides: &OverrideArgs,

@@ -1,11 +1,11 @@
 //! After the faults: everything converges. A controller that went through all of them ends like a
 //! fresh one that gets the same samples.
 
-use super::hands::LIFT_TICKS;
-use super::kind::Kind;
-use super::run::{DEVICE_MAX_N, Run, forces_of, new_client, new_station};
-use super::side::Side;
-use super::trace::{Checked, Trace, ensure};
+use super::{Run, forces_of, new_client, new_station};
+use crate::commands::simulate::hands::LIFT_TICKS;
+use crate::commands::simulate::kind::Kind;
+use crate::commands::simulate::side::{DEVICE_MAX_N, Side};
+use crate::commands::simulate::trace::{Checked, Trace, ensure};
 use glam::DVec3;
 use haptic_device::Sample;
 use scene::Effect;
