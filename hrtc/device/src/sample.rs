@@ -27,7 +27,7 @@ impl Default for TickTime {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sample {
     /// Time of the measurement on CLOCK_MONOTONIC, ns; of the tick's start for a device without a
-    /// clock.
+    /// clock. A time that is not 0 and was given before is that of no new sample.
     pub time_ns: u64,
     /// Pose of the end effector, metres.
     pub pose: Pose,

@@ -309,10 +309,7 @@ impl ProbeObjectPair {
             linear: to_model * of.linear,
             angular: to_model * of.angular,
         });
-        let velocity = Twist {
-            linear: a_period.linear / clock.period_s,
-            angular: a_period.angular / clock.period_s,
-        };
+        let velocity = a_period.times(1.0 / clock.period_s);
         let scale = frame.metres_per_unit;
         let place = (&goal, scale, plan);
         let (depth, wrench, spring) = self.couple(place, [&moved, &velocity], clock.period_s);

@@ -64,7 +64,7 @@ fn a_sheet_pressed_flat_is_held_at_any_budget() {
                 "{height}"
             );
             assert!(
-                proxy.is_blocked() && last < TICK_BUDGET / 20,
+                proxy.is_blocked() && last < TICK_BUDGET / 8,
                 "{last} of {budget}"
             );
             let [.., (contacts, _)] = proxy.high_water();

@@ -240,7 +240,7 @@ impl MeshChange {
 #[cfg(test)]
 mod tests {
     use super::super::look_ahead_tube::LookAheadTube;
-    use super::super::{Imperceptible, State, ToolProxy};
+    use super::super::{State, ToolProxy};
     use super::*;
     use crate::contact::motion::Twist;
     use crate::contact::query::{Limit, Surface};
@@ -254,25 +254,20 @@ mod tests {
     const SIDE: u32 = 24;
 
     fn plate() -> (ActiveMesh, AbTree) {
-        plate_of(SIDE, |_, _| [NONE; 3])
-    }
-
-    /// A plate of squares of side 1 / `side`, each of two faces with these neighbours.
-    fn plate_of(side: u32, neighbours: impl Fn(u32, u32) -> [u32; 3]) -> (ActiveMesh, AbTree) {
-        let (row, faces) = (side + 1, 2 * side * side);
+        let (row, faces) = (SIDE + 1, 2 * SIDE * SIDE);
         let mut mesh = ActiveMesh::new(row * row, faces, 0);
         for v in 0..row * row {
-            let at = [v % row, v / row].map(|k| k as f32 / side as f32);
+            let at = [v % row, v / row].map(|k| k as f32 / SIDE as f32);
             mesh.set_base_vertex(v, [at[0], at[1], 0.0], Certified::EXACT);
         }
         let mut tree = AbTree::new(faces);
         tree.preconstruct(faces);
-        for square in 0..side * side {
-            let a = square / side * row + square % side;
+        for square in 0..SIDE * SIDE {
+            let a = square / SIDE * row + square % SIDE;
             let [b, c, d] = [a + 1, a + row, a + row + 1];
             for (k, corners) in (0..).zip([[a, b, c], [d, c, b]]) {
                 let face = 2 * square + k;
-                let set = mesh.set_base_face(face, corners, neighbours(square, k));
+                let set = mesh.set_base_face(face, corners, [NONE; 3]);
                 set.expect("all are there");
                 tree.insert(face, leaf_key(face, faces));
             }
@@ -419,81 +414,6 @@ mod tests {
         assert!(longest > 120.0, "{longest}");
         assert_eq!(change.take().moved(), [3.0, 120.0]);
         assert_eq!(change.moved(), [0.0; 2], "a tick has decided");
-    }
-
-    /// The neighbours of a face of a plate of so many squares a side.
-    fn neighbours_of(side: u32, square: u32, k: u32) -> [u32; 3] {
-        let [x, y] = [square % side, square / side];
-        let across = |is_there: bool, square: u32| {
-            let face = square.wrapping_mul(2).wrapping_add(1 - k);
-            if is_there { face } else { NONE }
-        };
-        if k == 0 {
-            let [left, below] = [square.wrapping_sub(1), square.wrapping_sub(side)];
-            [
-                across(true, square),
-                across(x > 0, left),
-                across(y > 0, below),
-            ]
-        } else {
-            let [right, above] = [square + 1, square + side];
-            [
-                across(true, square),
-                across(x + 1 < side, right),
-                across(y + 1 < side, above),
-            ]
-        }
-    }
-
-    /// More faces than there is room for are near a capsule that is pressed onto a fine plate, but
-    /// only for as long as the plate moves: it follows its device again where that rests.
-    #[test]
-    fn a_tool_is_not_stuck_after_a_motion_beside_which_there_was_no_room() {
-        const FINE: u32 = 200;
-        const DEPTH: f64 = 0.05;
-        let (mesh, tree) = plate_of(FINE, |square, k| neighbours_of(FINE, square, k));
-        let surface = Surface {
-            mesh: &mesh,
-            tree: &tree,
-        };
-        let (mut proxy, pose) = lying(surface);
-        proxy.set_imperceptible(Imperceptible {
-            step: 0.02,
-            quantization: 0.0,
-            period_s: 1e-3,
-        });
-        let to = |proxy: &mut ToolProxy, x: f64, depth: f64| {
-            let goal = Pose {
-                position: pose.position + DVec3::new(x, 0.0, -depth),
-                ..pose
-            };
-            proxy.advance(surface, &goal, u32::MAX)
-        };
-        for k in 1..=40 {
-            to(&mut proxy, 0.0, DEPTH * f64::from(k.min(20)) / 20.0);
-        }
-        assert!(proxy.is_blocked(), "it is pressed");
-        let mut last = to(&mut proxy, 0.0, DEPTH);
-        for _ in 0..10 {
-            proxy.mesh_change = MeshChange {
-                is_there: true,
-                is_new: true,
-                push: 1.0,
-                ..MeshChange::new()
-            };
-            last = to(&mut proxy, 0.0, DEPTH);
-        }
-        let has_room = last.ending.is_complete() || !proxy.look_ahead.is_shortest();
-        assert!(!has_room && proxy.contact_offset() > 0.01, "{last:?}");
-        for _ in 0..40 {
-            last = to(&mut proxy, 0.0, DEPTH);
-        }
-        assert!(!last.is_stuck && last.ending.is_complete(), "{last:?}");
-        for k in 1..=150 {
-            to(&mut proxy, 1e-3 * f64::from(k.min(100)), DEPTH);
-        }
-        let moved = proxy.pose().position.x - pose.position.x;
-        assert!((moved - 0.1).abs() < 1e-3, "{moved}");
     }
 
     /// A split of a small fan at the plate's height: it changes eight faces, the first ones of any

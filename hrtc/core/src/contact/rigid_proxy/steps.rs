@@ -227,16 +227,13 @@ impl ToolProxy {
 
     /// What follows a collection that failed: it is unfinished, or the next is for a shorter path.
     /// Where there is none, more faces are near than there is room for. No step is known to be safe
-    /// then, so the tool is stuck: contacts that were known once would hold it for ever. Beside a
-    /// surface that moves more is near, but only for as long as it does: until then it stays.
+    /// then, so the tool is stuck: contacts that were known once would hold it for ever.
     fn look_less_far(&mut self, tick: &TickSteps<'_>, answer: &mut ToolAdvance) -> Next {
         if self.near.has_partial_collection() {
             return Next::End;
         }
         if self.look_ahead.is_shortest() {
-            if tick.offset <= self.static_offset() {
-                self.state = State::Stuck;
-            }
+            self.state = State::Stuck;
             return Next::End;
         }
         self.look_ahead.shorten();

@@ -65,8 +65,7 @@ pub struct ContactSample<'a> {
     pub max_work: u32,
     /// The tick.
     pub clock: Clock,
-    /// Periods since the tick before, and those of the probe's motion since: see
-    /// [`crate::force::passivity::EnergyAccount::see`].
+    /// Periods since the tick before, and those of the probe's motion: see `EnergyAccount::see`.
     pub periods: [u64; 2],
     /// Whether there was no sample of the device, which is taken to go on as it did.
     pub goes_on: bool,
@@ -97,8 +96,7 @@ pub struct ContactSample<'a> {
     pub velocity: DVec3,
     /// Its angular velocity relative to the object, rad/s.
     pub angular: DVec3,
-    /// How it moved in a period, as the samples say: the velocities are estimated, and come after a
-    /// sudden motion by a few periods. Metres and radians.
+    /// How it moved in a period by the samples, metres and radians: the velocities are estimated.
     pub moved: Twist,
     /// Stiffness of the surface, N/m.
     pub stiffness_n_per_m: f64,
@@ -109,16 +107,6 @@ pub struct ContactSample<'a> {
 }
 
 impl ContactSample<'_> {
-    /// Motion of the probe in a period at a lever arm, metres, along the surface of a normal: the
-    /// larger of what is estimated and what the samples say.
-    #[must_use]
-    pub fn step_along(&self, normal: DVec3, arm: DVec3) -> f64 {
-        let measured = self.moved.linear + self.moved.angular.cross(arm);
-        let estimated = self.velocity_at(arm) * self.clock.period_s;
-        let along = |motion: DVec3| (motion - normal * normal.dot(motion)).length();
-        along(measured).max(along(estimated))
-    }
-
     /// Velocity of the probe at a lever arm, m/s.
     #[must_use]
     pub fn velocity_at(&self, arm: DVec3) -> DVec3 {

@@ -77,7 +77,7 @@ impl Texture {
         out: &mut Rendered,
     ) -> f64 {
         let normal = contact.force / size;
-        let step = at.step_along(normal, contact.arm);
+        let step = step_along(at, normal, contact.arm);
         let relief = relief(&self.plan.pattern, contact.point + at.origin, step);
         let amplitude = amount * self.plan.amplitude_m;
         let lowered = amplitude * (relief.height - 1.0);
@@ -89,6 +89,15 @@ impl Texture {
         contact.add(force - contact.force, out);
         lowered_n
     }
+}
+
+/// Motion of the probe in a period at a lever arm, along the surface of a normal, metres: what is
+/// estimated comes after a sudden motion by some periods, what the samples say has their noise.
+fn step_along(at: &ContactSample<'_>, normal: DVec3, arm: DVec3) -> f64 {
+    let measured = at.moved.linear + at.moved.angular.cross(arm);
+    let estimated = at.velocity_at(arm) * at.clock.period_s;
+    let along = |motion: DVec3| (motion - normal * normal.dot(motion)).length();
+    along(measured).max(along(estimated))
 }
 
 /// Relief of a pattern at a place of the object (metres). `step`: displacement of the probe along
