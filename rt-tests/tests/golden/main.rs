@@ -190,7 +190,7 @@ fn damaged_region() {
         // Among the last 153 records, which lie in a block of their own.
         flipped: &[("relief.spm", 332_904)],
         before: |tick, orders| {
-            orders.damaged_every = if (600..2200).contains(&tick) { 2 } else { 0 };
+            orders.damaged_every = if (600..1400).contains(&tick) { 2 } else { 0 };
         },
         ..Scene::new("damaged_region")
     });
