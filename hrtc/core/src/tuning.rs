@@ -377,9 +377,10 @@ pub mod force {
     pub const UNPAID_RETURNS_S: f64 = 0.2;
 
     /// A force that is paid for in part returns to this times the part, while the device stays in
-    /// a surface. The hand gives way, and where the share is g times the paid part the energy A that
-    /// was put in falls as the g-th power of that in the spring, U: dA/dU = g A/U. So for any g some
-    /// is left; with half as much again a force that is paid for to two thirds returns whole.
+    /// a surface. The hand gives way, and where the share is g times the paid part the energy A
+    /// that was put in falls as the g-th power of that in the spring, U: dA/dU = g A/U. So for any
+    /// g some is left; with half as much again a force that is paid for to two thirds returns
+    /// whole.
     pub const RETURNS_TO: f64 = 1.5;
 
     /// Imperceptible forces by which an unpaid force returns beyond what is paid for, while the

@@ -19,7 +19,8 @@ fn library() -> &'static Library {
     LIBRARY.get_or_init(|| Library::build().expect("the models are built"))
 }
 
-/// What these seeds do not reach: messages of which a run has one or two, which the link seldom hits.
+/// What these seeds do not reach: messages of which a run has one or two, which the link seldom
+/// hits.
 const SELDOM: [&str; 4] = [
     "close sent twice",
     "ask for a tour overtaking",
