@@ -27,7 +27,7 @@ mod tick_thread;
 mod watchdog;
 
 pub use outcome::RunError;
-pub use room::{next_tick_core, tick_core};
+pub use room::next_tick_core;
 
 use crate::devices::DeviceRegistry;
 use crate::link::{Link, LinkEndpoints, LinkHandle, LinkOptions};

@@ -12,19 +12,9 @@ use realtime::loop_cores::own_cores;
 use realtime::rights::{obtain_processor, usable_cores};
 use scene::{ActiveSurface, LoopPlan, MovablePlan, ProbePlan, ProbeShape, ScenePlan};
 
-/// The core of the tick: that of the scene, or where it names none the one of this process that
-/// devices interrupt least; `None` leaves it to the kernel.
-#[must_use]
-pub fn tick_core(plan: &LoopPlan) -> Option<usize> {
-    if plan.picks_core {
-        quiet_cores(&usable_cores()).first().map(|of| of.core)
-    } else {
-        plan.core
-    }
-}
-
-/// The core on which a controller would tick that this process started now: as [`tick_core`], but
-/// where the scene names none, one that no other controller has.
+/// The core on which a controller would tick that this process started now: that of the scene, or
+/// where it names none the one of this process that devices interrupt least and no other controller
+/// has; `None` leaves it to the kernel.
 #[must_use]
 pub fn next_tick_core(plan: &LoopPlan) -> Option<usize> {
     if !plan.picks_core {
@@ -219,10 +209,10 @@ mod tests {
 
     #[test]
     fn the_scene_s_core_wins_and_without_one_a_core_of_the_process_is_chosen() {
-        assert_eq!(tick_core(&plan(Some(7), false)), Some(7));
-        assert_eq!(tick_core(&plan(None, false)), None);
+        assert_eq!(next_tick_core(&plan(Some(7), false)), Some(7));
+        assert_eq!(next_tick_core(&plan(None, false)), None);
         let usable = usable_cores();
-        match tick_core(&plan(None, true)) {
+        match next_tick_core(&plan(None, true)) {
             Some(core) => assert!(usable.len() >= 2 && usable.contains(&core)),
             None => assert!(usable.len() < 2),
         }

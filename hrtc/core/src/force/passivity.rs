@@ -44,11 +44,10 @@
 //! device does not leave, over a surface that rests, the force returns the slower the less is paid
 //! for, by `A / U` of that limit (at least with `UNPAID_RETURNS_S`, so that it returns at all):
 //! what returns must fade again at the next turn, and a hand that trembles would feel the force
-//! come and go. It returns no farther than to `RETURNS_TO` times `A / U`, and
-//! `RETURNS_BEYOND` imperceptible forces: the hand gives way to what returns, and what nothing is
-//! left for is cut then, comes back, and so on. A hand that presses on pays for more. With a torque
-//! these
-//! forces are generalised ones, in the metric of the coupling.
+//! come and go. It returns no farther than to `RETURNS_TO` times `A / U`, and `RETURNS_BEYOND`
+//! imperceptible forces: the hand gives way to what returns, and what nothing is left for is cut
+//! then, comes back, and so on. A hand that presses on pays for more. With a torque these forces
+//! are generalised ones, in the metric of the coupling.
 //!
 //! Work that no spring gives back, as of a force that is shaded, would empty the account and end
 //! the force at once. It fades before: what such work takes in a period is at most half of the
