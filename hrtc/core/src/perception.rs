@@ -1,18 +1,23 @@
-//! Limits of imperceptible change: the motion of the surface that a probe in contact allows in a
-//! tick.
+//! Limits of change under a probe: the motion of the surface that a probe in contact allows in a
+//! tick. They bound the rate (slew) of the force, at any rate of the loop by the same amount a
+//! second.
 //!
 //! A split or collapse that a probe could perceive is a geomorph (see [`spm::Geomorph`]): its
 //! vertex moves over several ticks. A step of a vertex raises or lowers the surface by at most the
 //! vertex's displacement along the normals of its faces, before or after the step. Two limits hold
 //! for this height h, with stiffness K and depth p:
 //!
-//! - *force*: the coupling's force changes by K h, at most a share of 0.05 N or of 7 % of the force
-//!   in a millisecond, whichever is more: below the just noticeable difference of a hand;
+//! - *force*: the coupling's force changes by K h, at most a share of 50 N/s or of 70 times the
+//!   force F a second, whichever is more: `max(50 N/s, 70/s F) T` in a tick of the period T;
 //! - *energy*: a surface that rises by h adds K p h + K h²/2 to the coupling. The reserve of the
 //!   probe's energy account pays for it. Beyond the reserve, the energy in the coupling grows by at
 //!   most 48 times itself per second, slowly enough for a hand to follow.
 //!
 //! The proxy may use the rest of the force limit, to slide along a surface that turns under it.
+//!
+//! At 1 kHz a tick has 0.05 N or 7 % of the force, a step that is not noticed. The bound is that of
+//! the rate: at 250 Hz a tick has 0.2 N or 28 %, which may be noticed, at 4 kHz 12.5 mN or 1.75 %.
+//! "Imperceptible" is said of the step at 1 kHz.
 
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
@@ -21,9 +26,9 @@ use spm::{ActiveMesh, Geomorph, Handle, NONE, OperationFaces, Slot};
 
 /// Imperceptible force, newtons.
 pub const IMPERCEPTIBLE_N: f64 = 0.05;
-/// Imperceptible rate of change of a force: that much in a millisecond, newtons a second.
+/// Bound of the rate of change of a force, newtons a second: [`IMPERCEPTIBLE_N`] in a millisecond.
 pub const STEP_N_PER_S: f64 = 50.0;
-/// The same as a share of the force, 1/s.
+/// The same as a share of the force, 1/s: 7 % in a millisecond.
 pub const STEP_SHARE_PER_S: f64 = 70.0;
 /// Share of that limit for the motion of the surface.
 const OF_SURFACE: f64 = 0.25;

@@ -377,10 +377,9 @@ pub mod force {
     pub const UNPAID_RETURNS_S: f64 = 0.2;
 
     /// A force that is paid for in part returns to this times the part, while the device stays in
-    /// a surface. The hand gives way, and where the share is g times the paid part the energy A
-    /// that was put in falls as the g-th power of that in the spring, U: dA/dU = g A/U. So for any
-    /// g some is left; with half as much again a force that is paid for to two thirds returns
-    /// whole.
+    /// a surface. A force of r times the part that is paid for leaves 1/r of that part when the
+    /// device gives way: two thirds. With half as much again a force that is paid for to two thirds
+    /// returns whole.
     pub const RETURNS_TO: f64 = 1.5;
 
     /// Imperceptible forces by which an unpaid force returns beyond what is paid for, while the
@@ -389,10 +388,6 @@ pub mod force {
     /// and more (model of the account at 1 and 4 kHz). With one, a hand that slides on waits twice
     /// as long for its force.
     pub const RETURNS_BEYOND: f64 = 3.0;
-
-    /// Work in a period that no spring gives back, as a part of the perception limit's share of the
-    /// energy taken in: a half, so that it may grow twofold before a fade is too slow.
-    pub const LEAK_SHARE: f64 = 0.5;
 
     /// Time in which a hand gives way to a surface that rises, seconds: twice a period of a hand of
     /// 200 N/m that holds a device of 0.1 kg (7 Hz, damped).

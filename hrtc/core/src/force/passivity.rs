@@ -14,20 +14,20 @@
 //! # Limit
 //!
 //! Hannaford 2002 dissipates the excess afterwards by added damping. Here the excess is not put
-//! out: the passive wrench is scaled by a share from 0 to 1. Apart from the fading below, the share
-//! is less than 1 only while the device moves away from the surface. With W the work in the coming
-//! period over the extrapolated motion, K the stiffness, and d the change of length of the spring
-//! between device and proxy:
+//! out: the passive wrench is scaled by a share from 0 to 1. Of the wanted wrench, let W be its
+//! work in the coming period over the extrapolated motion, U the energy in its spring and K the
+//! stiffness of that, and d the change of length of the spring. A is the energy that the contact
+//! has taken in, N that of two encoder steps, an error of the balance that is tolerated. A share p
+//! of the spring is paid for (see below). While the device moves away:
 //!
-//! - Hold: `share = (W - K d² / 2) / W`. The work of the scaled force is then the loss of energy of
-//!   the spring in the period.
-//! - Unpaid energy: a contact may begin between two ticks, a tick may be missed, or a surface may
-//!   rise. The spring then holds more energy U than the device put in. Until that is compensated,
-//!   up to `K d²` more is taken off W. It is proportional to v²: a device at rest is unaffected.
-//! - Account: `share W` is at most the energy that the contact has taken in.
+//! - Hold: `p (W - K d² / 2)`. The work of the scaled force is then the loss of energy of the
+//!   spring in the period. What the spring holds beyond A, since a contact began between two ticks
+//!   or a tick was missed, is compensated by up to `K d²` more. It is proportional to v²: a device
+//!   at rest is unaffected.
+//! - Account: the work is at most A.
 //! - Slew: the force limiter behind the account lets a force F fall by at most s in a tick. It is
-//!   scaled so far that the energy taken in also pays for its work while it falls to zero, about
-//!   `u F² / 2 s` at a motion u in a tick. The same holds for a torque.
+//!   scaled so far that A also pays for its work while it falls to zero, about `u F² / 2 s` at a
+//!   motion u in a tick. The same holds for a torque.
 //!
 //! The force is never reversed, so a surface does not stick.
 //!
@@ -36,23 +36,28 @@
 //! ever, it would mute the next contacts after a device was silent inside a surface; dropped at
 //! once, a buzz of short contacts could go on, each with an excess.
 //!
-//! # Fading
+//! # Share that is paid for
 //!
-//! Where U is above the energy A taken in, the force fades towards `A / U` of itself while the
-//! device moves away: at this share both are used up together. It returns later. Each change is at
-//! most the perception limit of a tick; the fading is also at most `W / U` in a tick. While the
-//! device does not leave, over a surface that rests, the force returns the slower the less is paid
-//! for, by `A / U` of that limit (at least with `UNPAID_RETURNS_S`, so that it returns at all):
-//! what returns must fade again at the next turn, and a hand that trembles would feel the force
-//! come and go. It returns no farther than to `RETURNS_TO` times `A / U`, and `RETURNS_BEYOND`
-//! imperceptible forces: the hand gives way to what returns, and what nothing is left for is cut
-//! then, comes back, and so on. A hand that presses on pays for more. With a torque these forces
-//! are generalised ones, in the metric of the coupling.
+//! At the share `c = (A + N) / U` what was taken in and the spring are used up together: the work
+//! of that force leaves c as it is. The share p follows c:
 //!
-//! Work that no spring gives back, as of a force that is shaded, would empty the account and end
-//! the force at once. It fades before: what such work takes in a period is at most half of the
-//! perception limit's share of what is left. So it may grow twofold, and the account still empties
-//! no faster than a force may fade.
+//! - While the device moves away with `p > c`, p falls by `2 p (p - c) W / (A + N)`. So c falls in
+//!   proportion to `p / c` while that goes to 1, and nothing is cut before. Work that no spring
+//!   gives back, as of a force that is shaded, lowers c; p follows at up to twice c, and falls as
+//!   what is left does. The faster the device leaves, the faster p falls, also beyond the
+//!   perception limit: A would else be used up, and the force cut. By as much as p must fall to
+//!   stay as far above c, it falls towards it: that is the 2.
+//! - With `p < c` it rises by the perception limit of a tick.
+//! - While the device does not move away, p rises to `RETURNS_TO` times c, and by `RETURNS_BEYOND`
+//!   imperceptible forces beyond; the slower the less is paid for, by c of the perception limit of
+//!   a tick (at least with `UNPAID_RETURNS_S`, so that it returns at all). What returns must fade
+//!   again at the next turn: a hand that trembles would notice that the force comes and goes, and
+//!   one that rests gives way to what returns. A hand that presses on pays for more.
+//! - Over material that moves facets rise under the device as much as they fell. So p falls no
+//!   faster than by `W / U` and the perception limit, and rises to 1: by the share of U that a
+//!   force along the motion would do as work, and by the perception limit at the most.
+//!
+//! With a torque these forces are generalised ones, in the metric of the coupling.
 //!
 //! # Extrapolation
 //!
@@ -76,8 +81,8 @@
 use super::device_motion::{DeviceMotion, Displacement};
 use crate::perception::{IMPERCEPTIBLE_N, STEP_N_PER_S, STEP_SHARE_PER_S};
 use crate::tuning::force::{
-    EXCESS_FADES_S, LEAK_SHARE, MOTION_ROUNDING, RAISED_FADES_S, RETURNS_BEYOND, RETURNS_TO,
-    UNPAID_RETURNS_S, VELOCITY_WINDOW_S,
+    EXCESS_FADES_S, MOTION_ROUNDING, RAISED_FADES_S, RETURNS_BEYOND, RETURNS_TO, UNPAID_RETURNS_S,
+    VELOCITY_WINDOW_S,
 };
 use geometry::portable::rotation_vector;
 use geometry::{Pose, Wrench};
@@ -101,10 +106,6 @@ pub struct EnergyAccount {
     is_apart: bool,
     /// Share of the force that the energy taken in allows, 0 to 1; it fades.
     paid: f64,
-    /// Energy in the spring at the last sample, joules.
-    stored_j: f64,
-    /// Whether this tick has no sample.
-    goes_on: bool,
     /// Wrench on the device in this period.
     wrench: Wrench,
     /// Its limited part.
@@ -130,6 +131,8 @@ pub struct CarriedWork {
     pub pushed_j: f64,
     /// Work of the torques, joules.
     pub turned_j: f64,
+    /// What both would be along the motion, joules.
+    pub most_j: f64,
 }
 
 impl CarriedWork {
@@ -147,6 +150,7 @@ impl std::ops::Add for CarriedWork {
         Self {
             pushed_j: self.pushed_j + other.pushed_j,
             turned_j: self.turned_j + other.turned_j,
+            most_j: self.most_j + other.most_j,
         }
     }
 }
@@ -199,8 +203,6 @@ impl EnergyAccount {
             given_j: 0.0,
             is_apart: false,
             paid: 1.0,
-            stored_j: 0.0,
-            goes_on: false,
             wrench: Wrench::ZERO,
             limited: Wrench::ZERO,
             translation: DeviceMotion::new(encoder_m, window),
@@ -247,7 +249,6 @@ impl EnergyAccount {
         let moved = self.translation.moved_to(pose.position, [elapsed, periods]);
         let turned = self.rotation.moved_to(turned_to, [elapsed, periods]);
         self.seen = moved.zip(turned);
-        self.goes_on = false;
     }
 
     /// There is no sample after `elapsed` periods: the device has gone on as it did. For one at
@@ -256,7 +257,6 @@ impl EnergyAccount {
     pub fn see_nothing(&mut self, elapsed: u64) {
         let moved = self.translation.go_on(elapsed);
         self.seen = moved.zip(self.rotation.go_on(elapsed));
-        self.goes_on = true;
     }
 
     /// Adds the work of the last wrench over the motion that was seen. `carried` and `limited`:
@@ -318,10 +318,10 @@ impl EnergyAccount {
         let turned = most_work(wanted.torque, &self.rotation) - ahead.turned_j;
         let work = pushed + turned;
         let size = wanted.force.length();
-        let taken_in = self.raised_j - self.contact_joules;
-        let moves_away = work > self.rounding(size, ahead);
-        let before = self.paid;
-        let step_share = STEP_SHARE_PER_S * self.period_s;
+        let taken_in = (self.raised_j - self.contact_joules).max(0.0);
+        // Two encoder steps of error in the balance are tolerated.
+        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
+        let paid_j = taken_in + 2.0 * steps;
         // With a torque the force may be none: the size is that of the generalised force, √(2 K U).
         let pull = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
         let generalised = if wanted.torque == DVec3::ZERO {
@@ -329,22 +329,13 @@ impl EnergyAccount {
         } else {
             size.max(pull)
         };
-        let imperceptible = (step_share * before).max(STEP_N_PER_S * self.period_s / generalised);
-        // Two encoder steps of error in the balance are tolerated.
-        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
-        let tolerated_j = 2.0 * steps;
-        // Over a moving surface facets rise and fall under a device that is held.
-        let surface_rests = ahead == CarriedWork::default();
-        let stays = work <= 0.0 && surface_rests;
-        let energies = [spring.stored_j, tolerated_j];
-        let beyond = RETURNS_BEYOND * IMPERCEPTIBLE_N / generalised;
-        self.fade(work, energies, [moves_away, stays], [imperceptible, beyond]);
-        let leak = self.leak(work, spring.stored_j);
-        if moves_away && leak > 0.0 && surface_rests {
-            let due = LEAK_SHARE * step_share * taken_in.max(0.0) / leak;
-            self.paid = self.paid.min(due.max(before - imperceptible));
-        }
-        if !moves_away {
+        let leaves = work > self.rounding(size, ahead);
+        self.follow(
+            leaves.then_some(work),
+            [paid_j, spring.stored_j, ahead.most_j],
+            generalised,
+        );
+        if !leaves {
             return self.paid;
         }
         // Change of length of the spring, `along`. Force and torque of a tool may do opposite work,
@@ -361,62 +352,57 @@ impl EnergyAccount {
         };
         // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
-        let unpaid = spring.stored_j - taken_in - tolerated_j;
-        let given = work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss);
-        let taken_in = taken_in.max(0.0);
+        let unpaid = self.paid * spring.stored_j - paid_j;
+        let held = self.paid * (work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss)) / work;
         // At a share s the force does the work s W, and s² of its fall's or less while it falls.
         let fall = self.most_work_of_fall(wanted, [pushed, turned]);
         let payable = 2.0 * taken_in / (work + (work * work + 4.0 * fall * taken_in).sqrt());
-        self.paid = self.paid.min(payable);
-        (given / work).min(self.paid).clamp(0.0, 1.0)
+        // What is cut comes back as what is unpaid does.
+        let paid_for = paid_j / spring.stored_j;
+        self.paid = self.paid.min(payable.max(paid_for));
+        held.min(payable).clamp(0.0, 1.0)
     }
 
-    /// The paid share fades, or returns, by no more than is `imperceptible`. `work`: of the force
-    /// in the coming period. `tolerated_j`: error of the balance. `stays`: whether the device does
-    /// not leave, and the surface rests; the share then returns to what a hand that gives way to it
-    /// still leaves energy for, and `beyond`.
-    fn fade(
+    /// The share that is paid for follows the energies that are paid for and in the spring, joules:
+    /// see the module; the third is the most work over the motion of the material in the coming
+    /// period. `leaving`: work of the wanted wrench in that, joules, where the device moves
+    /// away. `generalised`: size of the wrench, newtons.
+    fn follow(
         &mut self,
-        work: f64,
-        [stored_j, tolerated_j]: [f64; 2],
-        [moves_away, stays]: [bool; 2],
-        [imperceptible, beyond]: [f64; 2],
+        leaving: Option<f64>,
+        [paid_j, stored_j, carried_j]: [f64; 3],
+        generalised: f64,
     ) {
-        let taken_in = (self.raised_j - self.contact_joules + tolerated_j).max(0.0);
         // Not a number without a spring: all is paid for.
-        let paid_for = (taken_in / stored_j).min(1.0);
-        if moves_away && paid_for < self.paid {
-            // No faster than the device takes energy out of the spring.
-            let fades = imperceptible.min(work.max(0.0) / stored_j);
-            self.paid = paid_for.max(self.paid - fades);
-            return;
-        }
-        let due = match () {
-            // No more than is paid for; above that it has faded.
-            () if moves_away => paid_for,
-            // The hand gives way to what returns: to more than can fade meanwhile, which is cut.
-            () if stays => (RETURNS_TO * paid_for + beyond).max(self.paid).min(1.0),
-            () => 1.0,
+        let paid_for = (paid_j / stored_j).min(1.0);
+        let least_n = STEP_N_PER_S * self.period_s / generalised;
+        let imperceptible = (STEP_SHARE_PER_S * self.period_s * self.paid).max(least_n);
+        let excess = self.paid - paid_for;
+        self.paid = match leaving {
+            Some(work) if excess > 0.0 => {
+                let falls = 2.0 * self.paid * excess * work / paid_j;
+                // Facets that fall away under the device rise again.
+                let of_spring = imperceptible.min(work / stored_j);
+                let is_carried = carried_j > 0.0;
+                let falls = if is_carried {
+                    falls.min(of_spring)
+                } else {
+                    falls
+                };
+                paid_for.max(self.paid - falls)
+            }
+            Some(_) => paid_for.min(self.paid + imperceptible),
+            None => {
+                let beyond = RETURNS_BEYOND * IMPERCEPTIBLE_N / generalised;
+                let due = (RETURNS_TO * paid_for + beyond).max(self.paid).min(1.0);
+                let slowest =
+                    (1.0 - self.paid) * self.period_s / (UNPAID_RETURNS_S + self.period_s);
+                let returns = (imperceptible * paid_for).max(slowest).min(due - self.paid);
+                // Facets that move rise under the device as much as they fell.
+                let rises = imperceptible.min(carried_j / stored_j).min(1.0 - self.paid);
+                self.paid + returns.max(rises)
+            }
         };
-        let missing = due - self.paid;
-        let returns = if stays {
-            let slowest = (1.0 - self.paid) * self.period_s / (UNPAID_RETURNS_S + self.period_s);
-            (imperceptible * paid_for).max(slowest)
-        } else {
-            imperceptible
-        };
-        self.paid += returns.min(missing);
-    }
-
-    /// Of the work in the coming period, what no spring gives back: it is expected to give as much
-    /// as since the last sample. What it gives where there is none is not known before the next.
-    fn leak(&mut self, work: f64, stored_j: f64) -> f64 {
-        if self.goes_on {
-            return 0.0;
-        }
-        let released = (self.stored_j - stored_j).clamp(0.0, work.max(0.0));
-        self.stored_j = stored_j;
-        work - released
     }
 
     /// [`bound_of_fall`] of a wrench whose force and torque do `works` in the coming period.

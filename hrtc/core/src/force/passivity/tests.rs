@@ -99,8 +99,8 @@ fn a_force_that_falls_slowly_puts_out_no_more_than_a_device_damps() {
                 unaware = unaware.max(put_out - damped);
             }
         }
-        // Below 1 kHz a force falls within two periods.
-        assert!(unaware > 1e-3 || rate_hz < 1000.0, "{rate_hz}: {unaware}");
+        // Up to 1 kHz a force falls before the device is out.
+        assert!(unaware > 1e-4 || rate_hz <= 1000.0, "{rate_hz}: {unaware}");
     }
 }
 
@@ -494,6 +494,11 @@ fn a_surface_that_carries_the_device_keeps_its_force() {
                     0.0
                 },
                 turned_j: 0.0,
+                most_j: if carried {
+                    wanted.force.x * PERIOD_S
+                } else {
+                    0.0
+                },
             };
             let share = account.share(wanted, spring, ahead);
             if tick > 10 {
@@ -537,7 +542,7 @@ fn share_after_a_rise(given_j: f64) -> f64 {
 #[test]
 fn a_device_that_gives_way_to_a_surface_keeps_its_force_and_one_that_stood_gets_no_more() {
     let (none, some) = (share_after_a_rise(0.0), share_after_a_rise(2e-3));
-    assert!(none == 0.0 && some > 0.4, "{none} {some}");
+    assert!(none < 0.05 && some > 0.4, "{none} {some}");
     let left = |standing: u32| {
         let mut account = EnergyAccount::new(0.0, PERIOD_S);
         for tick in 0..=standing {
