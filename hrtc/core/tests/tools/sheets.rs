@@ -1,9 +1,9 @@
 //! Open sheets as tools: flat on a plate every face is as near as any other.
 
-use crate::common::fronts::{Front, plate_mesh};
+use crate::common::fronts::{Front, box_mesh, plate_mesh};
 use crate::common::guided_tool::TICK_BUDGET;
 use geometry::Pose;
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use hrtc_core::contact::coupling::Coupling;
 use hrtc_core::contact::motion::Twist;
 use hrtc_core::contact::query::{Deadline, Limit};
@@ -121,6 +121,44 @@ fn a_long_strip_pressed_flat_is_held_at_both_ends() {
     );
     let [.., (contacts, _)] = proxy.high_water();
     assert!(contacts <= MOST_CONTACTS, "{contacts} contacts");
+}
+
+/// Under a flat tool lie more vertices of a plane than there is room for contacts. Rounded to f32
+/// they are in no plane exactly, but none is a contact: the tool's corners hold it.
+#[test]
+fn a_box_flat_on_a_dense_tilted_plane_is_held_at_its_corners() {
+    const STIFFNESS: f64 = 800.0;
+    const DEPTH: f64 = 0.01;
+    const HALF: f64 = 0.05;
+    let turn = DQuat::from_rotation_x(0.4) * DQuat::from_rotation_y(0.3);
+    let place = |p: DVec3| DVec3::new(1.1, 2.3, -1.7) + turn * p;
+    let mut plane = plate_mesh(0.5, 30);
+    for p in &mut plane.positions {
+        *p = place(*p);
+    }
+    let plane = Front::of_mesh(&plane);
+    let mut proxy = proxy(&box_mesh(DVec3::new(0.4, 0.4, HALF)));
+    for k in 0..300 {
+        let height = (0.01 - 1e-4 * f64::from(k)).max(-DEPTH);
+        let pose = Pose {
+            position: place(DVec3::new(0.011, 0.007, HALF + height)),
+            orientation: turn,
+        };
+        let answer = proxy.advance(plane.surface(), &pose, TICK_BUDGET);
+        assert_eq!(answer.dropped, 0, "{k}");
+    }
+    let spring = Coupling {
+        stiffness_n_per_m: STIFFNESS,
+        damping_ns_per_m: 0.0,
+    };
+    let measured = proxy.wrench(&spring, 1.0, &Twist::default());
+    let due = turn * DVec3::Z * STIFFNESS * (DEPTH + proxy.contact_offset());
+    assert!(
+        measured.force.distance(due) < 1e-3 * due.length(),
+        "{measured:?}, not {due}"
+    );
+    let [.., (contacts, _)] = proxy.high_water();
+    assert!(contacts <= 128, "{contacts} contacts");
 }
 
 /// The time of each tick is over before it begins.

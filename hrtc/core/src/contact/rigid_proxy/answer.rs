@@ -21,6 +21,7 @@ pub struct ToolAdvance {
     /// Steps taken.
     pub steps: u32,
     /// Active contacts that the coupling of the tick before passed through: they were found late.
+    /// The most of any step, and of the estimate with which a tick ends early.
     pub late_contacts: u32,
     /// Whether the surface had moved into the tool or over it, and no way out was known at first:
     /// the tool waits, and jumps when there is one that passes through no face.

@@ -2,13 +2,12 @@
 //!
 //! A minimum lies between a corner and a face, edge or corner, or between two edges, and no
 //! neighbour of either feature is nearer (Johnson & Willemsen 2003). Other pairs would constrain
-//! too much: a tool sliding over a plate would halve its motion at every edge. Each pair of
-//! features is examined once, by the two faces that own them. A feature within a plane is skipped
-//! if the corners of the plane suffice.
+//! too much: a tool sliding over a plate would halve its motion at every edge. The two faces that
+//! own a pair of features examine it once; one within a plane is skipped if its corners suffice.
 
 use super::neighbourhood::{MAX_PAIRS, Neighbourhood, PLACED, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
-use super::shape::{FLAT, ToolShape};
+use super::shape::{FLAT, ROUNDED, ToolShape};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::query::Surface;
 use geometry::closest_point_on_triangle;
@@ -16,9 +15,8 @@ use geometry::portable::rotation;
 use glam::{DMat3, DVec3};
 use spm::{Handle, NONE};
 
-/// Slope by which the neighbours of a corner may be nearer if the corner is over the inside of a
-/// face: a rotation of the tool soon lowers the corner, and the plane of a face never constrains
-/// too much.
+/// Slope by which the neighbours of a corner over the inside of a face may be nearer: a rotation of
+/// the tool soon lowers the corner, and the plane of a face never constrains too much.
 const SLOPE: f64 = 0.05;
 /// Cost of a pair examined, in node pairs (measured).
 pub(super) const LOOK: u32 = 5;
@@ -111,6 +109,9 @@ pub(super) struct Search {
     pub(super) limit: f64,
     /// Where the budget interrupted it: the first pair that was not looked at.
     pub(super) next: Option<usize>,
+    /// How many contacts of the last complete search come before those that it found. They stay
+    /// until it is complete: what a part of the pairs tells is no estimate of the force.
+    earlier: usize,
 }
 
 /// Position of a corner relative to its neighbours.
@@ -124,15 +125,19 @@ enum Corner {
 }
 
 /// Judges a corner by the vectors to its neighbours, along the direction to the other body. A
-/// neighbour nearer by less than the slope does not count.
-fn judge(displacements: impl Iterator<Item = DVec3>, towards: DVec3, slope: f64) -> Corner {
+/// neighbour nearer by less than the slope does not count, nor does a height within `rounded`.
+fn judge(
+    displacements: impl Iterator<Item = DVec3>,
+    towards: DVec3,
+    [slope, rounded]: [f64; 2],
+) -> Corner {
     let mut flat = true;
     for displacement in displacements {
         let (along, length) = (towards.dot(displacement), displacement.length());
         if along > slope * length {
             return Corner::Beaten;
         }
-        flat &= along.abs() <= FLAT * length;
+        flat &= along.abs() <= FLAT * length + rounded;
     }
     if flat { Corner::Flat } else { Corner::Nearest }
 }
@@ -178,9 +183,19 @@ impl Contacts {
         self.search.filter(is_of)
     }
 
-    /// The contacts.
+    /// The contacts, while a search is unfinished with those of the one before.
     pub fn all(&self) -> &[ToolContact] {
         &self.all
+    }
+
+    /// Those that the last search found, and the stops since.
+    pub fn found(&self) -> &[ToolContact] {
+        &self.all[self.earlier().min(self.all.len())..]
+    }
+
+    /// How many contacts are of an earlier search.
+    fn earlier(&self) -> usize {
+        self.search.map_or(0, |search| search.earlier)
     }
 
     /// The share of a motion on which the arcs of the rotation, too, obey all contacts: these are
@@ -222,33 +237,46 @@ impl Contacts {
         self.high_water
     }
 
-    /// Adds a contact; if full, the one with the largest gap is dropped.
+    /// Adds a contact. If full, the farthest one of an earlier search gives its place, else of all.
     pub fn add(&mut self, contact: ToolContact) {
+        let farthest = |of: &[ToolContact]| {
+            let places = 0..of.len();
+            places
+                .max_by(|&a, &b| of[a].gap.total_cmp(&of[b].gap))
+                .unwrap_or(0)
+        };
         if self.all.len() < MAX_HALF_SPACES {
             self.all.push(contact);
-            self.high_water = self.high_water.max(self.all.len());
-            return;
+        } else if let Some(search) = self.search.as_mut().filter(|search| search.earlier > 0) {
+            let place = farthest(&self.all[..search.earlier]);
+            search.earlier -= 1;
+            self.all.swap(place, search.earlier);
+            self.all[search.earlier] = contact;
+        } else {
+            self.dropped += 1;
+            let place = farthest(&self.all);
+            if self.all[place].gap > contact.gap {
+                self.all[place] = contact;
+            }
         }
-        self.dropped += 1;
-        let farthest =
-            (0..self.all.len()).max_by(|&a, &b| self.all[a].gap.total_cmp(&self.all[b].gap));
-        if let Some(farthest) = farthest
-            && self.all[farthest].gap > contact.gap
-        {
-            self.all[farthest] = contact;
-        }
+        self.high_water = self.high_water.max(self.found().len());
     }
 
     /// The first pair to be looked at by a search. One where the last one was, for the same pairs
     /// and no farther, goes on with what that found, stops included, and where the budget
-    /// interrupted that; any other begins with nothing.
+    /// interrupted that; any other begins with the contacts known so far, until it is complete.
     fn begin_or_go_on(&mut self, near: &Neighbourhood, at: &Placement, limit: f64) -> usize {
         let earlier = self.search_of(near, at);
         if let Some(earlier) = earlier.filter(|earlier| limit <= earlier.limit) {
             return earlier.next.unwrap_or(0);
         }
-        self.all.clear();
-        self.at = *at;
+        // What an interrupted search found is known of some pairs only: where there are contacts of
+        // a complete one, these stay instead.
+        let unfinished = self.search.filter(|search| search.next.is_some());
+        if let Some(search) = unfinished.filter(|search| search.earlier > 0) {
+            self.all.truncate(search.earlier);
+        }
+        self.carry(at);
         self.dropped = 0;
         self.is_looked[..near.pairs.len()].fill(false);
         self.search = Some(Search {
@@ -256,6 +284,7 @@ impl Contacts {
             pairs: near.generation(),
             limit,
             next: Some(0),
+            earlier: self.all.len(),
         });
         0
     }
@@ -328,6 +357,8 @@ impl Contacts {
         }
         if let Some(search) = &mut self.search {
             search.next = None;
+            self.all.drain(..search.earlier.min(self.all.len()));
+            search.earlier = 0;
         }
         (spent, true)
     }
@@ -494,7 +525,11 @@ impl PairLook<'_> {
             for _ in 0..MAX_AROUND {
                 let corners = mesh.corners(face);
                 let displacements = [1, 2].map(|k| corners[(index + k) % 3] - at);
-                match judge(displacements.into_iter(), towards, slope) {
+                // Both ends of a displacement are vertices in f32.
+                let squares = corners.map(DVec3::length_squared);
+                let farthest = squares.into_iter().fold(0.0, f64::max).sqrt();
+                let allowed = [slope, 2.0 * ROUNDED * farthest];
+                match judge(displacements.into_iter(), towards, allowed) {
                     Corner::Beaten => return Corner::Beaten,
                     judged => flat &= judged == Corner::Flat,
                 }
@@ -521,7 +556,7 @@ impl PairLook<'_> {
         let judged = judge(
             around.map(|&v| self.shape.points[v as usize] - at),
             self.back * -towards,
-            slope,
+            [slope, 0.0],
         );
         match judged {
             // At the rim of a sheet the plane ends: its corners suffice.

@@ -47,6 +47,8 @@ impl ToolProxy {
         let wanted = self.at.to(&self.goal);
         let mut allowed = ToolAdvance::new();
         let path = self.allowed(&wanted, offset, Some(&mut allowed));
+        // The next tick knows only the estimate that they have corrected.
+        answer.late_contacts = answer.late_contacts.max(allowed.late_contacts);
         if answer.contact_count == 0 {
             answer.contacts = allowed.contacts;
             answer.contact_count = allowed.contact_count;

@@ -56,7 +56,7 @@ impl ToolProxy {
     /// The budget, in node pairs, with which a step comes to its end over some ticks: the search
     /// for contacts may take several, the sweep goes through all pairs in one.
     pub(super) fn least_cost_of_step(&self) -> u32 {
-        let contacts = self.contacts.all().len() as u32 + 1;
+        let contacts = self.contacts.found().len() as u32 + 1;
         let search = self.near.vertex_count() / PLACED + PASSED + LOOK;
         let reuse = PART + PROJECTED * contacts;
         self.near.vertex_count() / PLACED + search.max(reuse) + least_cost(&self.near)
@@ -209,7 +209,7 @@ impl ToolProxy {
             let centre = self.at.centre;
             let contact = ToolContact::between(face, [from, to], normal, centre);
             // A search that goes on has it from the tick before.
-            if !self.contacts.all().contains(&contact) {
+            if !self.contacts.found().contains(&contact) {
                 self.contacts.add(contact);
             }
         }
@@ -259,7 +259,9 @@ impl ToolProxy {
         if let Some(answer) = answer {
             let active = found.active().iter();
             let is_late = |&&(k, _): &&(usize, f64)| self.is_late(&self.contacts.all()[k], offset);
-            answer.late_contacts = active.filter(is_late).count() as u32;
+            // What an earlier step of the tick told stays told.
+            let late = active.filter(is_late).count() as u32;
+            answer.late_contacts = answer.late_contacts.max(late);
             answer.contact_count = found.active().len();
             for (place, &(k, multiplier)) in answer.contacts.iter_mut().zip(found.active()) {
                 *place = ToolContact {

@@ -87,6 +87,17 @@ impl LookAheadTube {
         }
     }
 
+    /// The tube of a share of the path, and the margin around its straight lines within which all
+    /// pairs are known that are known within `straight_margin` around those of all of it: both
+    /// lines are within their bend of the path.
+    pub fn shortened(self, share: f64, straight_margin: f64) -> (Self, f64) {
+        let path = self.path.times(share);
+        let bend = path.sagitta(self.radius);
+        let shorter = Self { path, bend, ..self };
+        let margin = straight_margin - self.bend - bend;
+        (shorter.narrowed(margin), margin)
+    }
+
     /// Validity margin: at the tool's current placement all pairs nearer than this are known.
     pub fn left(&self) -> f64 {
         self.margin - self.off

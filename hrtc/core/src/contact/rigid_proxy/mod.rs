@@ -43,6 +43,8 @@ pub mod projection;
 mod shape;
 mod steps;
 mod sweep;
+#[cfg(test)]
+mod tests;
 
 pub use answer::ToolAdvance;
 pub use bounding_balls::MAX_BALLS;

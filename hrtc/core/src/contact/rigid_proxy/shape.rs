@@ -18,7 +18,7 @@ pub enum ToolProxyError {
 /// Slope along which a neighbour counts as no nearer: the rounding of f64, with a margin.
 pub(super) const FLAT: f64 = 1e-9;
 /// Rounding of a vertex to f32, as a share of its distance from the origin.
-const ROUNDED: f64 = 0.5 * f32::EPSILON as f64;
+pub(super) const ROUNDED: f64 = 0.5 * f32::EPSILON as f64;
 
 /// An edge of a face, opposite the corner of the same index.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]

@@ -33,6 +33,10 @@ const MIN_PART: f64 = 0.1;
 const UPDATE_SHARE: u32 = 8;
 /// The same for going through their list, where steps are to follow.
 const LIST_SHARE: u32 = 2;
+/// Reach of the pairs, in units of the look-ahead, from which on a step that the surface's changes
+/// have interrupted is no longer tried with them: what was collected for twice the look-ahead is
+/// kept once.
+const TOO_LONG: f64 = 5.0;
 /// Collections per tick that fail for lack of room or budget.
 const MAX_FAILURES: u32 = 3;
 /// Motion at which a tick has converged, as a fraction of the radius of gyration.
@@ -114,11 +118,19 @@ impl ToolProxy {
         answer: &mut ToolAdvance,
     ) {
         let budget = limit.max_work();
+        // The last tick may have collected without room for a moving surface.
+        let offset = self.contact_offset();
+        let is_for_less = self.has_unused_collection && self.near.tube.left() <= offset;
+        let offset = if is_for_less {
+            self.static_offset()
+        } else {
+            offset
+        };
         let mut tick = TickSteps {
             surface,
             travelled,
             look_around: (LOOK_AROUND * self.shape.gyration).max(self.moving_offset),
-            offset: self.contact_offset(),
+            offset,
             budget,
             limit,
             has_collected: false,
@@ -190,7 +202,8 @@ impl ToolProxy {
         if is_new {
             // Since the proxy last reached the device, that has moved in earlier ticks, too.
             let is_lagging = self.device_travel > tick.travelled;
-            self.look_ahead.begin(is_lagging, needed);
+            let distances = [tick.look_around, needed];
+            self.look_ahead.begin(is_lagging, distances);
         }
         let length = self.look_ahead.length();
         let share = self.share_to(likely, length, tick.look_around);
@@ -216,21 +229,34 @@ impl ToolProxy {
         }
         tick.failures += 1;
         if is_longer && tick.failures < MAX_FAILURES {
-            // It looked farther ahead than this tick needs.
+            // It looked farther ahead than this tick needs. What it found near the beginning of its
+            // path is near the shorter one, too.
             self.look_ahead.shorten_to(needed);
-            self.near.invalidate();
+            let length = self.look_ahead.length();
+            let shorter = self.share_to(likely, length, tick.look_around) / share;
+            let left = tick.budget.saturating_sub(answer.spent);
+            answer.spent += self.near.shorten_collection(&self.shape, shorter, left);
             answer.ending = Ending::Complete;
             return Next::Retry;
         }
         self.look_less_far(tick, answer)
     }
 
-    /// What follows a collection that failed: it is unfinished, or the next is for a shorter path.
-    /// Where there is none, more faces are near than there is room for. No step is known to be safe
-    /// then, so the tool is stuck: contacts that were known once would hold it for ever.
-    fn look_less_far(&mut self, tick: &TickSteps<'_>, answer: &mut ToolAdvance) -> Next {
+    /// What follows a collection that failed: it is unfinished, or the next is for a shorter path,
+    /// or at last without room for what the surface may move in a tick: where that meets the tool,
+    /// a depenetration puts it out. Else more faces are near than there is room for. No step is
+    /// known to be safe then, so the tool is stuck: contacts that were known once would hold it for
+    /// ever.
+    fn look_less_far(&mut self, tick: &mut TickSteps<'_>, answer: &mut ToolAdvance) -> Next {
         if self.near.has_partial_collection() {
             return Next::End;
+        }
+        let is_last = self.look_ahead.is_shortest() || tick.failures + 1 == MAX_FAILURES;
+        let at_rest = self.static_offset();
+        if is_last && tick.offset > at_rest {
+            tick.offset = at_rest;
+            answer.ending = Ending::Complete;
+            return Next::Retry;
         }
         if self.look_ahead.is_shortest() {
             self.state = State::Stuck;
@@ -378,8 +404,10 @@ impl ToolProxy {
             updated
         });
         self.stops.clear();
-        if updated == Updated::Unknown || self.has_unfinished_step {
+        if updated == Updated::Unknown {
             self.invalidate();
+        } else if self.has_unfinished_step {
+            self.restart_step();
         }
         // An unfinished collection, maybe around another placement, has placed what it needs.
         if updated != Updated::Unfinished {
@@ -388,6 +416,19 @@ impl ToolProxy {
         match updated {
             Updated::All(first_changed) => Some(first_changed),
             Updated::Unfinished | Updated::Unknown => None,
+        }
+    }
+
+    /// The surface has changed amid a step: its search for contacts begins again, with the updated
+    /// pairs. Where that recurs it might never end: the look-ahead shrinks, and pairs of a much
+    /// longer one are dropped.
+    fn restart_step(&mut self) {
+        self.has_unfinished_step = false;
+        self.look_ahead.shorten();
+        let ahead = self.near.tube.reach() - self.contact_offset();
+        if ahead > TOO_LONG * self.look_ahead.length() {
+            self.near.invalidate();
+            self.has_unused_collection = false;
         }
     }
 

@@ -101,6 +101,25 @@ impl Neighbourhood {
         (ending, work)
     }
 
+    /// An unfinished collection goes on along a share of its path only, if that leaves a margin and
+    /// costs no more than `most`. Returns the cost, in node pairs.
+    pub fn shorten_collection(&mut self, shape: &ToolShape, share: f64, most: u32) -> u32 {
+        let cost = self.vertex_count() / PLACED;
+        let Some(partial) = self.partial.as_mut().filter(|_| share < 1.0) else {
+            return 0;
+        };
+        let (tube, margin) = partial.tube.shortened(share, partial.margin);
+        if cost > most || margin <= 0.0 {
+            self.invalidate();
+            return 0;
+        }
+        (partial.tube, partial.margin) = (tube, margin);
+        let ends = tube.ends();
+        self.place_ends(shape, &ends[1]);
+        self.path = RelativePath::new(ends.map(|at| at.centre), ends.map(|at| at.rotation()));
+        cost
+    }
+
     /// The unfinished collection if it began where the tube does, else a new one.
     fn begin_or_go_on(&mut self, tube: LookAheadTube) -> PartialCollection {
         let start = tube.ends()[0];
