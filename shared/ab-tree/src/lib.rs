@@ -4,7 +4,7 @@
 //! | module | content |
 //! |---|---|
 //! | `key` | heap keys of nodes, and the fixed shape |
-//! | `tree` | insertion, removal, marks and refit |
+//! | `tree` | insertion, removal, and the refit of what changed |
 //!
 //! ```
 //! use ab_tree::{AbTree, NONE, leaf_key};

@@ -4,14 +4,17 @@
 //! both of its children hold active faces; sequences of nodes with a single active child are
 //! skipped. So there is one node fewer than active faces, whatever the size of the full mesh. A
 //! node keeps its heap key, so the shape is that of the thesis. The statuses of Figure 3.8 are:
-//! *inactive* = no node, *deformed* = a mark bit, *active* = a node without marks.
+//! *inactive* = no node, *deformed* = a listed node, *active* = any other.
 //!
 //! A node is one cache line and holds the boxes of its two children, so a query reads one line to
 //! test both.
 
+mod refit;
+
 use super::key::{depth, is_leaf_key, lowest_common_ancestor};
 use super::{Handle, NONE};
 use geometry::{Aabb, BoxPair};
+use refit::LISTED;
 use std::ops::Range;
 
 /// Index of a node; [`NONE`] for none.
@@ -61,7 +64,17 @@ pub struct Node {
 
 const _: () = assert!(size_of::<Node>() == 64);
 
+/// Key of a node that is not in the tree.
+const UNUSED_KEY: u32 = 0;
+
 impl Node {
+    const UNUSED: Self = Self {
+        boxes: BoxPair::EMPTY,
+        children: [0; 2],
+        parent: NONE,
+        key: UNUSED_KEY,
+    };
+
     /// Boxes of the left and the right child.
     #[inline]
     #[must_use]
@@ -98,16 +111,22 @@ impl Node {
 pub struct AbTree {
     /// Faces of the full mesh, which define the shape.
     full_faces: u32,
+    /// Those that were ever used, so that the room for the others is not written.
     nodes: Vec<Node>,
-    /// For each node: bit 0 = the left child is deformed, bit 1 = the right one.
+    /// For each node: bit 0 = the left child is a deformed face, bit 1 = the right one; with either
+    /// goes [`LISTED`].
     deformed: Vec<u8>,
+    /// The node that was listed last, [`NONE`] for none: listed are nodes with a deformed face, or
+    /// whose own boxes changed since the last refit; each once, some of them released since.
+    last_listed: NodeId,
+    /// For each node that was ever used: of a listed one, the one that was listed before it.
+    listed_before: Vec<NodeId>,
     /// For each face handle: the node above it, and its leaf key (0 = not in the tree).
     face_node: Vec<NodeId>,
     face_key: Vec<u32>,
     root: Option<Child>,
-    /// First free node, linked through `parent`; nodes from `fresh` on were never used.
+    /// First free node, linked through `parent`.
     free: NodeId,
-    fresh: u32,
     faces: u32,
     root_box: Aabb,
     root_face_deformed: bool,
@@ -115,28 +134,24 @@ pub struct AbTree {
 
 impl AbTree {
     /// Bytes for each face of its capacity.
-    pub const BYTES_PER_FACE: usize = size_of::<Node>() + 1 + 4 + 4;
+    pub const BYTES_PER_FACE: usize = size_of::<Node>() + 1 + 4 + 4 + 4;
 
-    /// Allocates room for `capacity` face handles.
+    /// Allocates room for `capacity` face handles. Nodes take memory as they are used, unless the
+    /// process has locked its memory.
     #[must_use]
     pub fn new(capacity: u32) -> Self {
         assert!(capacity < FACE_BIT, "face handles have 31 bits");
-        let empty = Node {
-            boxes: BoxPair::EMPTY,
-            children: [0; 2],
-            parent: NONE,
-            key: 0,
-        };
         let capacity = capacity as usize;
         Self {
             full_faces: 0,
-            nodes: vec![empty; capacity],
+            nodes: Vec::with_capacity(capacity),
             deformed: vec![0; capacity],
+            last_listed: NONE,
+            listed_before: Vec::with_capacity(capacity),
             face_node: vec![NONE; capacity],
             face_key: vec![0; capacity],
             root: None,
             free: NONE,
-            fresh: 0,
             faces: 0,
             root_box: Aabb::EMPTY,
             root_face_deformed: false,
@@ -149,7 +164,9 @@ impl AbTree {
     pub fn begin_clear(&mut self) {
         self.root = None;
         self.free = NONE;
-        self.fresh = 0;
+        self.nodes.clear();
+        self.listed_before.clear();
+        self.last_listed = NONE;
         self.faces = 0;
         self.root_box = Aabb::EMPTY;
         self.root_face_deformed = false;
@@ -217,6 +234,7 @@ impl AbTree {
         }
     }
 
+    #[inline]
     fn child_index(&self, node: NodeId, child: Child) -> usize {
         let children = self.nodes[node as usize].children;
         let index = usize::from(children[1] == child.pack());
@@ -224,7 +242,7 @@ impl AbTree {
         index
     }
 
-    /// Adds an active face at its leaf code and marks its path (set I of ACTIVE-UPDATE).
+    /// Adds an active face at its leaf code, deformed (set I of ACTIVE-UPDATE).
     ///
     /// Returns false without any change when the code is no leaf or is taken (a damaged record).
     pub fn insert(&mut self, face: Handle, leaf: u32) -> bool {
@@ -259,8 +277,7 @@ impl AbTree {
         node.children[1 - index] = current.pack();
         node.boxes = BoxPair::EMPTY;
         node.boxes.set(1 - index, child_box);
-        let inherits = child_deformed || self.is_marked(current);
-        self.deformed[id as usize] = u8::from(inherits) << (1 - index);
+        self.list(id, 1 << index | u8::from(child_deformed) << (1 - index));
         self.face_key[face as usize] = leaf;
         self.face_node[face as usize] = id;
         self.set_parent(current, id);
@@ -272,13 +289,10 @@ impl AbTree {
             above => {
                 let above_index = Self::child_index_of_key(self.nodes[above as usize].key, leaf);
                 self.nodes[above as usize].children[above_index] = Child::Node(id).pack();
+                self.deformed[above as usize] &= !(1 << above_index);
             }
         }
         self.faces += 1;
-        self.deformed[id as usize] |= 1 << index;
-        if parent != NONE {
-            self.mark(parent, Child::Node(id));
-        }
         true
     }
 
@@ -307,7 +321,7 @@ impl AbTree {
         }
     }
 
-    /// Box of a child as stored above it, and whether it is marked there.
+    /// Box of a child as stored above it, and whether it is a deformed face.
     fn box_above(&self, child: Child, parent: NodeId) -> (Aabb, bool) {
         match parent {
             // `root_box` is that of the last refit; a removal may have changed the boxes below
@@ -355,10 +369,6 @@ impl AbTree {
         (leaf >> (depth(leaf) - depth(key) - 1) & 1) as usize
     }
 
-    fn is_marked(&self, child: Child) -> bool {
-        matches!(child, Child::Node(id) if self.deformed[id as usize] != 0)
-    }
-
     /// Removes a face (set R): its sibling replaces the node above both.
     pub fn remove(&mut self, face: Handle) {
         assert!(
@@ -393,103 +403,24 @@ impl AbTree {
             above => {
                 let above_index = self.child_index(above, Child::Node(node));
                 self.nodes[above as usize].children[above_index] = sibling.pack();
-                // The boxes above shrink, so the path is marked although the sibling's box is
-                // unchanged.
+                // The boxes above shrink, so it is listed although the sibling's box is unchanged.
                 self.nodes[above as usize]
                     .boxes
                     .set(above_index, sibling_box);
-                let flags = &mut self.deformed[above as usize];
-                if sibling_deformed {
-                    *flags |= 1 << above_index;
-                } else {
-                    *flags &= !(1 << above_index);
-                }
-                self.mark_above(above);
+                self.deformed[above as usize] &= !(1 << above_index);
+                self.list(above, u8::from(sibling_deformed) << above_index);
             }
         }
         self.release_node(node);
     }
 
-    /// Marks the path above a deformed face (set D).
-    pub fn deform(&mut self, face: Handle) {
-        debug_assert!(self.face_key[face as usize] != 0);
-        match self.face_node[face as usize] {
-            NONE => self.root_face_deformed = true,
-            node => self.mark(node, Child::Face(face)),
-        }
-    }
-
-    /// ACTIVE-MARK: bottom-up, ends at the first marked node.
-    fn mark(&mut self, mut node: NodeId, mut child: Child) {
-        loop {
-            let bit = 1u8 << self.child_index(node, child);
-            let flags = &mut self.deformed[node as usize];
-            let was = *flags;
-            *flags |= bit;
-            if was != 0 {
-                return;
-            }
-            child = Child::Node(node);
-            node = self.nodes[node as usize].parent;
-            if node == NONE {
-                return;
-            }
-        }
-    }
-
-    /// Marks every ancestor of a node whose child boxes are right but whose union changed.
-    fn mark_above(&mut self, node: NodeId) {
-        let parent = self.nodes[node as usize].parent;
-        if parent != NONE {
-            self.mark(parent, Child::Node(node));
-        }
-        // Every refit rebuilds `root_box`.
-    }
-
-    /// ACTIVE-WALK and ACTIVE-REFIT: post-order over the deformed part, without recursion.
-    ///
-    /// Returns the number of boxes refitted.
-    pub fn refit(&mut self, face_box: impl Fn(Handle) -> Aabb) -> u32 {
-        let Some(Child::Node(root)) = self.root else {
-            if let Some(Child::Face(face)) = self.root {
-                self.root_box = face_box(face);
-                self.root_face_deformed = false;
-            }
-            return 1;
-        };
-        let mut refitted = 0;
-        let mut current = root;
-        loop {
-            let flags = self.deformed[current as usize];
-            if flags == 0 {
-                if current == root {
-                    break;
-                }
-                current = self.nodes[current as usize].parent;
-                continue;
-            }
-            let index = usize::from(flags & 1 == 0);
-            let child = self.nodes[current as usize].children()[index];
-            let twice = match child {
-                Child::Face(face) => BoxPair::new([face_box(face); 2]),
-                Child::Node(id) if self.deformed[id as usize] != 0 => {
-                    current = id;
-                    continue;
-                }
-                Child::Node(id) => self.nodes[id as usize].boxes.joined(),
-            };
-            self.nodes[current as usize].boxes.take(index, &twice);
-            self.deformed[current as usize] &= !(1 << index);
-            refitted += 1;
-        }
-        self.root_box = self.nodes[root as usize].boxes.union();
-        refitted
-    }
-
     fn take_node(&mut self) -> NodeId {
         if self.free == NONE {
-            let id = self.fresh;
-            self.fresh += 1;
+            // There is room: fewer nodes than faces are in use.
+            let id = self.nodes.len() as NodeId;
+            self.nodes.push(Node::UNUSED);
+            self.listed_before.push(NONE);
+            self.deformed[id as usize] = 0;
             id
         } else {
             let id = self.free;
@@ -498,8 +429,11 @@ impl AbTree {
         }
     }
 
+    /// It stays in the list if it is there: it may be taken again before the refit, and must not be
+    /// listed twice then.
     fn release_node(&mut self, id: NodeId) {
-        self.deformed[id as usize] = 0;
+        self.deformed[id as usize] &= LISTED;
+        self.nodes[id as usize].key = UNUSED_KEY;
         self.nodes[id as usize].parent = self.free;
         self.free = id;
     }
@@ -510,6 +444,7 @@ impl AbTree {
     /// # Panics
     /// With the first fault.
     pub fn check(&self, face_box: impl Fn(Handle) -> Aabb) {
+        assert_eq!(self.last_listed, NONE, "the tree is not refitted");
         let mut faces = 0;
         let mut stack = Vec::new();
         // Post-order by visiting twice: boxes of children are known when a node is left.

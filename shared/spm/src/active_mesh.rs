@@ -88,6 +88,31 @@ struct Links {
     leaf_r: u32,
 }
 
+impl Vertex {
+    const UNUSED: Self = Self {
+        position: Vec3::ZERO,
+        certified: Certified::EXACT,
+    };
+}
+
+impl Links {
+    const UNUSED: Self = Self {
+        i: NONE,
+        vs: NONE,
+        fn_: [NONE; 4],
+        leaf_l: NONE,
+        leaf_r: NONE,
+    };
+}
+
+/// Lengthens a list up to an index. Within its room nothing is allocated.
+fn reach<T: Clone>(list: &mut Vec<T>, index: u32, unused: T) {
+    let length = index as usize + 1;
+    if list.len() < length {
+        list.resize(length, unused);
+    }
+}
+
 /// Whether a VSP is performed, and whether a vertex of it has a geomorph.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -131,8 +156,14 @@ pub enum OperationError {
 pub struct ActiveMesh {
     base_vertices: u32,
     base_faces: u32,
+    /// Vertices and faces that there may be; links as many as states.
+    room: [u32; 2],
+    // Up to the last that was ever set, so that the room for the others is not written.
+    #[cfg_attr(feature = "serde", serde(with = "crate::reserved"))]
     vertices: Vec<Vertex>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::reserved"))]
     faces: Vec<Face>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::reserved"))]
     links: Vec<Links>,
     states: Vec<State>,
     quarters: QuarterTable,
@@ -152,28 +183,23 @@ impl ActiveMesh {
     /// Bytes of one base face.
     pub const BYTES_PER_BASE_FACE: usize = size_of::<Face>();
 
-    /// Allocates room for a base mesh and `slots` VSPs; nothing is allocated later.
+    /// Allocates room for a base mesh and `slots` VSPs; nothing is allocated later. Most of it
+    /// takes memory as it is used, unless the process has locked its memory.
     #[must_use]
     pub fn new(base_vertices: u32, base_faces: u32, slots: u32) -> Self {
-        let vertex = Vertex {
-            position: Vec3::ZERO,
-            certified: Certified::EXACT,
-        };
-        let links = Links {
-            i: NONE,
-            vs: NONE,
-            fn_: [NONE; 4],
-            leaf_l: NONE,
-            leaf_r: NONE,
-        };
-        let slots_usize = slots as usize;
+        let room = [base_vertices, base_faces].map(|base| base + 2 * slots);
+        let mut vertices = Vec::with_capacity(room[0] as usize);
+        let mut faces = Vec::with_capacity(room[1] as usize);
+        vertices.resize(base_vertices as usize, Vertex::UNUSED);
+        faces.resize(base_faces as usize, Face::UNUSED);
         Self {
             base_vertices,
             base_faces,
-            vertices: vec![vertex; base_vertices as usize + 2 * slots_usize],
-            faces: vec![Face::UNUSED; base_faces as usize + 2 * slots_usize],
-            links: vec![links; slots_usize],
-            states: vec![State::default(); slots_usize],
+            room,
+            vertices,
+            faces,
+            links: Vec::with_capacity(slots as usize),
+            states: vec![State::default(); slots as usize],
             quarters: QuarterTable::with_room(0),
             geomorphs: Vec::new(),
             active_faces: 0,
@@ -196,13 +222,21 @@ impl ActiveMesh {
     pub fn forget_slots(&mut self, slots: Range<Slot>) -> Range<Handle> {
         self.states[slots.start as usize..slots.end as usize].fill(State::default());
         let faces = self.base_faces + 2 * slots.start..self.base_faces + 2 * slots.end;
-        self.faces[faces.start as usize..faces.end as usize].fill(Face::UNUSED);
+        self.forget_faces(faces.clone());
         faces
+    }
+
+    /// Makes faces unused; those that were never set are.
+    fn forget_faces(&mut self, faces: Range<Handle>) {
+        let end = self.faces.len().min(faces.end as usize);
+        if let Some(faces) = self.faces.get_mut(faces.start as usize..end) {
+            faces.fill(Face::UNUSED);
+        }
     }
 
     /// Makes base faces unused, after [`ActiveMesh::begin_clear`].
     pub fn forget_base_faces(&mut self, faces: Range<Handle>) {
-        self.faces[faces.start as usize..faces.end as usize].fill(Face::UNUSED);
+        self.forget_faces(faces);
     }
 
     /// Divides the storage for another model; the mesh must be empty, so that base faces which have
@@ -210,10 +244,11 @@ impl ActiveMesh {
     ///
     /// Returns the number of slots, `None` when the base mesh alone does not fit.
     pub fn reshape(&mut self, base_vertices: u32, base_faces: u32) -> Option<u32> {
-        let room = |total: usize, base: u32| Some(total.checked_sub(base as usize)? / 2);
-        let slots = room(self.vertices.len(), base_vertices)?
-            .min(room(self.faces.len(), base_faces)?)
-            .min(self.links.len());
+        let [vertices, faces] = self.room;
+        let room = |total: u32, base: u32| Some(total.checked_sub(base)? / 2);
+        let slots = room(vertices, base_vertices)?
+            .min(room(faces, base_faces)?)
+            .min(self.states.len() as u32);
         self.base_vertices = base_vertices;
         self.base_faces = base_faces;
         self.quarters.clear();
@@ -221,7 +256,7 @@ impl ActiveMesh {
             self.active_faces == 0 && self.performed == 0,
             "storage is divided while it is empty"
         );
-        Some(slots as u32)
+        Some(slots)
     }
 
     /// vt of a slot; vu is the next handle.
@@ -268,13 +303,19 @@ impl ActiveMesh {
             loaded: true,
             ..State::default()
         };
-        self.links[slot as usize] = Links {
+        let links = Links {
             i: record.i,
             vs,
             fn_,
             leaf_l: record.leaf_l,
             leaf_r: record.leaf_r,
         };
+        reach(&mut self.links, slot, Links::UNUSED);
+        self.links[slot as usize] = links;
+        let vu = self.vt(slot) + 1;
+        reach(&mut self.vertices, vu, Vertex::UNUSED);
+        let fr = self.fl(slot) + 1;
+        reach(&mut self.faces, fr, Face::UNUSED);
         let vt = self.vt(slot) as usize;
         for (k, (position, certified)) in [record.pos_t, record.pos_u]
             .into_iter()

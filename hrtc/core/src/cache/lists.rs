@@ -10,6 +10,13 @@ struct Block {
     next: u32,
 }
 
+impl Block {
+    const UNUSED: Self = Self {
+        items: [NONE; ITEMS],
+        next: NONE,
+    };
+}
+
 /// A list in the pool.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct List {
@@ -54,8 +61,12 @@ impl Cursor {
 /// A pool of blocks of fixed size.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct ListPool {
+    /// Those that were ever used, so that the room for the others is not written.
+    #[serde(with = "spm::reserved")]
     blocks: Vec<Block>,
-    /// First free block, chained through `next`; blocks from `fresh` on were never used.
+    /// Blocks that there may be.
+    most: u32,
+    /// First free block, chained through `next`; blocks from `fresh` on are not in use.
     free: u32,
     fresh: u32,
     used: u32,
@@ -68,15 +79,13 @@ impl ListPool {
     /// Items of a block.
     pub const ITEMS_PER_BLOCK: usize = ITEMS;
 
-    /// A pool of `blocks` blocks.
+    /// A pool of `blocks` blocks, which take memory as they are used, unless the process has locked
+    /// its memory.
     #[must_use]
     pub fn new(blocks: usize) -> Self {
-        let block = Block {
-            items: [NONE; ITEMS],
-            next: NONE,
-        };
         Self {
-            blocks: vec![block; blocks],
+            blocks: Vec::with_capacity(blocks),
+            most: blocks as u32,
             free: NONE,
             fresh: 0,
             used: 0,
@@ -94,7 +103,7 @@ impl ListPool {
     /// Blocks that there are.
     #[must_use]
     pub fn capacity(&self) -> usize {
-        self.blocks.len()
+        self.most as usize
     }
 
     /// Blocks in use.
@@ -112,8 +121,7 @@ impl ListPool {
     /// Whether less than a sixteenth of the blocks is free.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
-        let blocks = self.blocks.len() as u32;
-        blocks - self.used < blocks / 16
+        self.most - self.used < self.most / 16
     }
 
     /// Appends an item; false when the pool is full.
@@ -122,8 +130,11 @@ impl ListPool {
         let index = list.length as usize % ITEMS;
         if index == 0 {
             let id = match self.free {
-                NONE if self.fresh as usize == self.blocks.len() => return false,
+                NONE if self.fresh == self.most => return false,
                 NONE => {
+                    if self.fresh as usize == self.blocks.len() {
+                        self.blocks.push(Block::UNUSED);
+                    }
                     self.fresh += 1;
                     self.fresh - 1
                 }
@@ -236,6 +247,22 @@ mod tests {
                 prop_assert_eq!(pool.used(), 0);
             }
         }
+    }
+
+    /// So that a recording's twin, and its keyframes, are as large as what a run has used.
+    #[test]
+    fn blocks_that_were_never_used_are_not_written() {
+        let mut pool = ListPool::new(1 << 16);
+        let mut list = List::EMPTY;
+        for item in 0..2 * ITEMS as u32 {
+            assert!(pool.push(&mut list, item));
+        }
+        assert_eq!((pool.blocks.len(), pool.capacity()), (2, 1 << 16));
+        // Once more the same: nothing is added.
+        pool.clear();
+        list = List::EMPTY;
+        assert!(pool.push(&mut list, 7));
+        assert_eq!((pool.blocks.len(), pool.used()), (2, 1));
     }
 
     #[test]

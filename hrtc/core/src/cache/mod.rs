@@ -2,7 +2,7 @@
 //!
 //! | part | bytes a VSP | what |
 //! |---|---|---|
-//! | active mesh | 116 | record in handles, two vertices, two faces |
+//! | active mesh | 132 | record in handles, two vertices, two faces |
 //! | AB-tree | 146 | two faces: a node of 64 bytes and links each |
 //! | references | 16 | held, wanted, dependents, queue links |
 //! | ids | 16 to 32 | open addressing, at most half full |

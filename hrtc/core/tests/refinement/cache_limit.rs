@@ -2,7 +2,7 @@
 
 use crate::common::{plan, scene_plan, scene_world, settle, spm, world};
 use glam::DVec3;
-use hrtc_core::{Controller, NoObserver};
+use hrtc_core::{Controller, ControllerOptions, NoObserver, WrenchLimits};
 use scene::{CacheChangePlan, ProbeShape, RefinementPlan, ScenePlan};
 use simulator::{ClientOptions, Playback, Random};
 use spm::SpmFile;
@@ -73,7 +73,11 @@ fn run(plan: &ScenePlan, model: &[u8], ticks: u64) -> Vec<Held> {
     assert!(world.controller().fault().is_none());
     let recording = world.client_mut().take_recording().unwrap();
     let identity = ClientOptions::default().identity;
-    let mut playback = Playback::new(&recording, Controller::new(plan, identity, 10.0, 8.0));
+    let options = ControllerOptions {
+        limits: &[WrenchLimits::of_force(10.0)],
+        tour_seconds: 8.0,
+    };
+    let mut playback = Playback::new(&recording, Controller::new(plan, identity, options));
     for tick in 0..ticks {
         assert_eq!(playback.step(&mut NoObserver), Some(true), "tick {tick}");
     }
@@ -102,7 +106,7 @@ fn a_lowered_limit_is_obeyed_with_the_contact_at_full_resolution_where_it_fits()
 #[test]
 fn where_the_contact_does_not_fit_it_is_coarser_until_the_limit_is_raised() {
     let model = model();
-    let mut plan = plan_with(&[(2.5, 240 << 10), (5.0, 16 << 20)]);
+    let mut plan = plan_with(&[(2.5, 230 << 10), (5.0, 16 << 20)]);
     plan.probes[0].shape = ProbeShape::Sphere { radius_m: 0.008 };
     let all = run(&plan, &model, 8_000);
     println!("{all:#?}");
@@ -110,7 +114,7 @@ fn where_the_contact_does_not_fit_it_is_coarser_until_the_limit_is_raised() {
         panic!("three limits");
     };
     assert_eq!(first.coarser, 0);
-    assert!(low.ticks < OBEYS_TICKS && low.bytes <= 240 << 10);
+    assert!(low.ticks < OBEYS_TICKS && low.bytes <= 230 << 10);
     assert!(low.coarser > 1_000, "it is said");
     assert!(f64::from(last.full) >= 0.9 * f64::from(last.contacts));
 }

@@ -1,6 +1,6 @@
 //! The base mesh: its vertices and faces, as they arrive.
 
-use super::{ActiveMesh, Certified, Face, Handle, NONE, Vertex};
+use super::{ActiveMesh, Certified, Face, Handle, NONE, Vertex, reach};
 use glam::Vec3;
 
 /// The neighbour links of the base faces that were set so far.
@@ -16,6 +16,7 @@ impl ActiveMesh {
     /// Sets a vertex of the base mesh; position in model units.
     pub fn set_base_vertex(&mut self, vertex: Handle, position: [f32; 3], certified: Certified) {
         assert!(vertex < self.base_vertices, "a base vertex out of range");
+        reach(&mut self.vertices, vertex, Vertex::UNUSED);
         self.vertices[vertex as usize] = Vertex {
             position: Vec3::from_array(position),
             certified,
@@ -44,6 +45,7 @@ impl ActiveMesh {
         if !in_range {
             return None;
         }
+        reach(&mut self.faces, face, Face::UNUSED);
         let before = self.base_links_of(face);
         let place = &mut self.faces[face as usize];
         if *place == Face::UNUSED {
@@ -69,7 +71,9 @@ impl ActiveMesh {
                 continue;
             }
             links.all += 1;
-            let other = self.faces[across as usize];
+            // One that has not come yet has no links.
+            let other = self.faces.get(across as usize);
+            let other = other.unwrap_or(&Face::UNUSED);
             let is_mutual = (0..3).any(|j| {
                 other.neighbours[j] == face
                     && other.corners[(j + 1) % 3] == own.corners[(k + 2) % 3]

@@ -180,8 +180,8 @@ fn a_record_that_does_not_fit_is_refused_and_changes_nothing() {
         [0, 5, 0, 5],
     ] {
         let mut mesh = hexagon(1);
-        let before = mesh.faces.clone();
         mesh.load(0, &record(7, 3), 0, fn_, [Certified::EXACT; 2]);
+        let before = mesh.faces.clone();
         let mut out = OperationFaces::new();
         assert_eq!(
             mesh.split(0, &mut out),
@@ -364,4 +364,37 @@ fn a_face_moves_exactly_while_a_corner_has_a_geomorph() {
     mesh.begin_clear();
     assert!(mesh.geomorphs().is_empty());
     assert_eq!(mesh.states[0].performed, Performed::AtRest);
+}
+
+/// So that a recording's twin, and its keyframes, are as large as what a run has used.
+#[test]
+fn slots_that_were_never_used_are_not_written() {
+    let mut mesh = ActiveMesh::new(0, 0, 1 << 16);
+    assert_eq!(mesh.reshape(7, 6), Some((1 << 16) - 4));
+    let lengths = |mesh: &ActiveMesh| [mesh.vertices.len(), mesh.faces.len(), mesh.links.len()];
+    assert_eq!(lengths(&mesh), [0; 3]);
+    let whole = hexagon(0);
+    for v in 0..7 {
+        let at = whole.position(v).to_array();
+        mesh.set_base_vertex(v, at, Certified::EXACT);
+    }
+    // The neighbours of the first one have not come yet.
+    for k in 0..6 {
+        let face = whole.face(k);
+        mesh.set_base_face(k, face.corners, face.neighbours)
+            .unwrap();
+    }
+    assert!(mesh.base_is_consistent());
+    mesh.load(0, &record(0, 3), 0, [0, 5, 2, 3], [Certified::EXACT; 2]);
+    mesh.split(0, &mut OperationFaces::new()).unwrap();
+    mesh.check();
+    assert_eq!(lengths(&mesh), [9, 8, 1]);
+    // Those of another model begin elsewhere, also where more of them are to be unused than were
+    // ever set.
+    mesh.begin_clear();
+    assert_eq!(mesh.forget_slots(0..2), 6..10);
+    mesh.forget_base_faces(0..6);
+    assert!(mesh.faces.iter().all(|of| *of == Face::UNUSED));
+    assert_eq!(mesh.reshape(3, 1), Some((1 << 16) - 2));
+    assert_eq!(lengths(&mesh), [9, 8, 1]);
 }
