@@ -13,6 +13,62 @@ use crate::work::TickWork;
 use haptic_device::{DegreesOfFreedom, MotionLimits};
 use scene::{ProbePlan, ScenePlan};
 
+/// The most that the device of a probe renders: above 0, and infinite where the scene's limit is to
+/// count alone. Of both the least one counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrenchLimits {
+    /// Force, newtons.
+    pub force_n: f64,
+    /// Torque, newton metres.
+    pub torque_nm: f64,
+}
+
+impl WrenchLimits {
+    /// Those of the scene alone.
+    pub const UNLIMITED: Self = Self {
+        force_n: f64::INFINITY,
+        torque_nm: f64::INFINITY,
+    };
+
+    /// No more force than this, newtons, above 0; as much torque as the scene allows.
+    #[must_use]
+    pub const fn of_force(force_n: f64) -> Self {
+        Self {
+            force_n,
+            ..Self::UNLIMITED
+        }
+    }
+
+    /// What both allow.
+    #[must_use]
+    pub fn within(self, other: Self) -> Self {
+        Self {
+            force_n: self.force_n.min(other.force_n),
+            torque_nm: self.torque_nm.min(other.torque_nm),
+        }
+    }
+}
+
+/// What a controller is made for, beside its scene and its identity.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerOptions<'a> {
+    /// Limits of the device of each probe. A probe beyond the list has the least of it, so that one
+    /// entry counts for all of them.
+    pub limits: &'a [WrenchLimits],
+    /// Length of the tours to ask for, seconds; 0 where the scene has none.
+    pub tour_seconds: f64,
+}
+
+impl ControllerOptions<'_> {
+    fn limits_of(&self, probe: usize) -> WrenchLimits {
+        let weakest = || {
+            let all = self.limits.iter().copied();
+            all.fold(WrenchLimits::UNLIMITED, WrenchLimits::within)
+        };
+        self.limits.get(probe).copied().unwrap_or_else(weakest)
+    }
+}
+
 /// State of the controller; see [`crate`] for its parts, and [`Controller::tick`] for its
 /// algorithm.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
@@ -43,13 +99,16 @@ pub struct Controller {
 
 impl Controller {
     /// Everything sized from the plan; nothing is allocated after this.
-    ///
-    /// `device_max_n`: the largest force that every device can render, newtons. `tour_seconds`:
-    /// length of the scripted path to request.
     #[must_use]
-    pub fn new(plan: &ScenePlan, identity: Identity, device_max_n: f64, tour_seconds: f64) -> Self {
-        let new_probe = |probe: &ProbePlan| Probe::new(plan, probe, device_max_n, tour_seconds);
-        let probes: Vec<Probe> = plan.probes.iter().map(new_probe).collect();
+    pub fn new(plan: &ScenePlan, identity: Identity, options: ControllerOptions<'_>) -> Self {
+        // As each probe has it: with the limits of its device.
+        let mut own = plan.clone();
+        let new_probe = |(k, probe): (usize, &ProbePlan)| {
+            let limits = options.limits_of(k);
+            own.safety.torque_max_nm = plan.safety.torque_max_nm.min(limits.torque_nm);
+            Probe::new(&own, probe, limits.force_n, options.tour_seconds)
+        };
+        let probes: Vec<Probe> = plan.probes.iter().enumerate().map(new_probe).collect();
         let movables = Movables::new(plan);
         let toured = probes.iter().filter_map(|probe| probe.tour.as_ref());
         let toured = toured.map(|tour| tour.object);
@@ -167,5 +226,32 @@ impl Controller {
     /// Whether every model is known that can be, so that any contact could be answered.
     pub(crate) fn is_ready(&self) -> bool {
         self.active.is_complete()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_probe_without_limits_of_its_own_has_the_least_of_the_others() {
+        let limits = [(3.0, 0.2), (20.0, 0.1)];
+        let limits = limits.map(|(force_n, torque_nm)| WrenchLimits { force_n, torque_nm });
+        let of = |limits: &[WrenchLimits], probe: usize| {
+            let options = ControllerOptions {
+                limits,
+                tour_seconds: 0.0,
+            };
+            options.limits_of(probe)
+        };
+        for (probe, own) in limits.iter().enumerate() {
+            assert_eq!(of(&limits, probe), *own);
+        }
+        let least = WrenchLimits {
+            force_n: 3.0,
+            torque_nm: 0.1,
+        };
+        assert_eq!(of(&limits, 2), least);
+        assert_eq!(of(&[], 0), WrenchLimits::UNLIMITED);
     }
 }

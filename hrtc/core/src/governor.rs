@@ -293,6 +293,8 @@ impl MeasuredTick {
 pub struct Governor {
     costs: WorkCosts,
     period_s: f64,
+    /// Looks of a prediction in a tick.
+    looks: f64,
     /// Share of the period that a tick may spend.
     share: f64,
     slowness: f64,
@@ -323,9 +325,11 @@ impl Governor {
     /// For ticks of a period, seconds, with so many operations at the most.
     #[must_use]
     pub fn new(period_s: f64, max_operations: usize) -> Self {
+        let horizons = Horizons::new(1.0 / period_s);
         Self {
             costs: WorkCosts::REFERENCE,
             period_s,
+            looks: horizons.prediction.looks as f64,
             share: TIME_SHARE,
             slowness: 1.0,
             ratios: [1.0; 3],
@@ -335,7 +339,7 @@ impl Governor {
             contact_ns: 0.0,
             cut: 0.0,
             cut_ns: 0.0,
-            steps: Steps::new(Horizons::new(1.0 / period_s).pressure),
+            steps: Steps::new(horizons.pressure),
             max_operations: max_operations as f64,
             operations: max_operations as f64,
             time: TickTime::default(),
@@ -465,7 +469,7 @@ impl Governor {
         let tick = costs.tick + boxes + bodies;
         time.spent.charge(CostGroup::Tick, tick);
         time.set_refinement(0, load.entries);
-        let predictions = pairs * costs.prediction;
+        let predictions = pairs * self.looks * costs.prediction;
         time.spent.charge(CostGroup::Inbox, predictions);
         time.spent.charge(CostGroup::Query, pairs * costs.contact);
         let queries = balls * MIN_BALL_UNITS * costs.ball + tools * MIN_TOOL_UNITS * costs.tool;

@@ -171,6 +171,16 @@ impl Controller {
         self.active.has_fault() || self.probes.iter().any(Probe::is_tour_refused)
     }
 
+    /// Another number whenever [`Controller::faults`] are others; 0 while there was none. It costs
+    /// next to nothing, they a look at every object.
+    #[must_use]
+    pub fn faults_stamp(&self) -> u64 {
+        let refused = self.probes.iter().map(Probe::is_tour_refused);
+        refused.fold(self.active.fault_changes(), |stamp, is_refused| {
+            2 * stamp + u64::from(is_refused)
+        })
+    }
+
     /// Faults of the objects of the scene: contact with the others goes on, and with these as far
     /// as their meshes have come.
     pub fn faults(&self) -> impl Iterator<Item = (usize, Fault)> {

@@ -22,7 +22,7 @@
 //! | `probe` | probes; pairs of a probe and an object | Physics Engine |
 //! | [`contact`] | queries and proxies | Physics Engine |
 //! | [`force`], [`bodies`] | effects, energy account, limiter; movable objects | Physics Engine |
-//! | [`perception`] | just noticeable differences | |
+//! | [`perception`] | bound of the force's rate while a surface changes under a probe | |
 //! | `tuning` | every tuned number, by room | |
 //! | [`record`], [`script`] | numbers of a tick; intended motion of a simulated hand | |
 //!
@@ -52,9 +52,11 @@
 //! | resident, wanted, refined | its closure is loaded; is to be performed; is performed |
 //! | ring | regions of one tolerance around the contact; the finest ring follows speed and memory pressure |
 //! | memory pressure | steps by which less is asked for while the cache is too small |
-//! | geomorph | a split or collapse whose vertices move in imperceptible steps |
+//! | geomorph | a split or collapse whose vertices move within the perception limit |
 //! | transition | immediate, geomorph, deferred, rejected |
-//! | perception limit | how far the surface under a probe may move in a tick unnoticed |
+//! | perception limit | how far the surface under a probe may move in a tick, by a bound of the force's rate |
+//! | energy account | Hannaford's passivity observer and controller, by scaling the force (Hannaford 2002) |
+//! | twist | displacement of a centre and rotation vector; a velocity only where a name says so |
 //! | epoch | a numbered sequence of chunks; it ends where a chunk is lost |
 //! | expected error, certified error | what a tolerance promises on average; a bound |
 //!
@@ -63,14 +65,18 @@
 //!
 //! ```
 //! use hrtc_core::streaming::subscriber::Identity;
-//! use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
+//! use hrtc_core::{Controller, ControllerOptions, NoObserver, TickInputs, WrenchLimits};
 //! use scene::{NoFiles, Overrides, parse};
 //!
 //! let text = "[[object]]\nmodel = \"ball.spm\"\nsize_m = 0.1\n[[probe]]\n";
 //! let plan = parse(text, "ball", "".as_ref(), &Overrides::default(), &NoFiles).unwrap();
 //! let identity = Identity { client: 7, incarnation: 1 };
-//! let mut controller = Controller::new(&plan, identity, 10.0, 0.0);
-//! let mut outputs = TickOutputs::new(1);
+//! let options = ControllerOptions {
+//!     limits: &[WrenchLimits::of_force(10.0)],
+//!     tour_seconds: 0.0,
+//! };
+//! let mut controller = Controller::new(&plan, identity, options);
+//! let mut outputs = controller.new_outputs();
 //! let inputs = TickInputs {
 //!     tick: 0,
 //!     samples: &[None],
@@ -83,7 +89,9 @@
 //! assert_eq!(outputs.wrenches[0].force.length(), 0.0);
 //! ```
 //!
-//! `examples/embed_tick.rs` answers the requests with a station in the same process.
+//! `examples/embed_tick.rs` answers the requests with a station in the same process, and tells the
+//! controller what a device needs to be safe: its limits, the costs of the machine, the deadline of
+//! a tick, and forces that have expired.
 
 #![deny(clippy::disallowed_methods, clippy::disallowed_types)]
 #![forbid(unsafe_code)]
@@ -116,7 +124,7 @@ mod work;
 
 pub use active::object::ActiveObject;
 pub use capacity::Capacity;
-pub use controller::Controller;
+pub use controller::{Controller, ControllerOptions, WrenchLimits};
 pub use instance::ModelFrame;
 pub use observer::{NoObserver, Stage, StageObserver, Timed, ToolBefore};
 pub use streaming::Fault;

@@ -14,9 +14,10 @@
 //! | record | counters, hash | |
 //!
 //! Skipped periods have passed for the world, but not for the controller: velocities, the energy
-//! account, bodies, phases of effects and a device's silence go by the tick's index; timeouts and
-//! horizons of session and front count only ticks that were run (`Controller::own_tick`), since
-//! nothing could arrive or be done in between.
+//! account, bodies, phases of effects, a device's silence and what is measured of the link go by
+//! the tick's index, since link and station go on. Timeouts and horizons of session and front count
+//! only ticks that were run (`Controller::own_tick`), since nothing could be taken in or done in
+//! between.
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
 //! bytes are shared out to the active objects ([`scene::ScenePlan::active_objects`]) half of
@@ -64,7 +65,7 @@ pub struct TickInputs<'a> {
     pub stopping: bool,
 }
 
-/// Outputs of a tick; storage allocated once.
+/// Outputs of a tick; storage allocated once, by [`Controller::new_outputs`].
 #[derive(Debug, Clone)]
 pub struct TickOutputs {
     /// The wrench for each probe's device.
@@ -83,9 +84,8 @@ pub struct TickOutputs {
 }
 
 impl TickOutputs {
-    /// Storage for a number of probes.
-    #[must_use]
-    pub fn new(probes: usize) -> Self {
+    /// Storage for a number of probes: with less, the wrench of one would go nowhere.
+    fn new(probes: usize) -> Self {
         Self {
             wrenches: vec![Wrench::ZERO; probes],
             outbox: Outbox::new(2 * MAX_ACTIVE_OBJECTS),
@@ -122,7 +122,13 @@ pub struct ProbeContact {
 }
 
 impl Controller {
-    /// One tick.
+    /// Storage for the outputs of its ticks; allocates.
+    #[must_use]
+    pub fn new_outputs(&self) -> TickOutputs {
+        TickOutputs::new(self.probes.len())
+    }
+
+    /// One tick; `outputs` are those of [`Controller::new_outputs`].
     pub fn tick(
         &mut self,
         inputs: &TickInputs<'_>,
@@ -154,7 +160,9 @@ impl Controller {
         outputs.outbox.share_out(requests);
         self.predict(waiting, &mut outputs.outbox);
         let requests = outputs.outbox.requests().len();
-        self.governor.time.charge_inbox(record.work_units, requests);
+        // To look at a region costs about as much as a unit.
+        let units = record.work_units + outputs.outbox.looked_at();
+        self.governor.time.charge_inbox(units, requests);
         // Received data and operations share their time.
         upkeep -= budget.upkeep;
         self.limit_refinement(&mut budget, 1.0 - UPKEEP_SHARE);
@@ -191,6 +199,7 @@ impl Controller {
         };
         self.own_tick += 1;
         let elapsed = tick.saturating_sub(last).max(1);
+        self.active.meter.begin_tick(elapsed - 1);
         if elapsed > 1 {
             for object in &mut self.active.objects {
                 object.front.skip_periods(elapsed - 1);

@@ -31,8 +31,8 @@
 //! again; the station discards its assumptions about the session and starts from that declaration.
 //! A station that misses a request says so at once ([`ChunkHeader::of_gap`]): only where the last
 //! message is the one that is lost, silence must tell. A chunk of an older epoch is dropped. So
-//! every loss ends in the same mesh as a fresh start. Of a tour what came stays: its ask says how
-//! many points are there ([`TourAsk::from`]).
+//! every loss ends in the same mesh as a fresh start. Of a model and a tour what came stays: the
+//! request says how many slots or points are there ([`Request::count`], [`TourAsk::from`]).
 //!
 //! **Answers depend on residency.** The station sends the records that no resident region contains,
 //! and marks for every id whether its record follows. When a client drops a region while an answer

@@ -238,7 +238,8 @@ pub const LONGEST_TOUR_S: f64 = 86_400.0;
 /// How many points a tour of so many seconds has; one that is longer than the longest is refused.
 #[must_use]
 pub fn tour_points(seconds: f64) -> u64 {
-    (seconds / TOUR_PERIOD_S).ceil() as u64 + 1
+    // What is written as a multiple of the period is one, though its quotient may round up.
+    (seconds / TOUR_PERIOD_S * (1.0 - 1e-12)).ceil() as u64 + 1
 }
 
 /// One point of a scripted path, 64 bytes.
@@ -341,7 +342,9 @@ pub struct Request {
     pub kind: u32,
     /// Object of the scene.
     pub object: u32,
-    /// Valid entries of `regions`; the place of the first quartered face (kind Quarters).
+    /// Valid entries of `regions`; the place of the first quartered face (kind Quarters); slots of
+    /// the model that the client has (kind Model): those from there on are sent, or all of them by
+    /// a station that does not know that.
     pub count: u32,
     /// Chunks that may be under way in this session from now on; the sessions of a client share
     /// [`CREDIT_CHUNKS`], or up to [`MAX_CREDIT_CHUNKS`] of one far away.
@@ -426,6 +429,19 @@ pub struct ContactReport {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    /// 0.07 s by 0.005 s is 14 and a little more.
+    #[test]
+    fn a_tour_has_a_point_each_period_and_one_at_its_end() {
+        for periods in 0..4000u32 {
+            let seconds = f64::from(periods) / 200.0;
+            let points = u64::from(periods) + 1;
+            assert_eq!(tour_points(seconds), points, "{seconds} s");
+            let longer = (f64::from(periods) + 0.001) / 200.0;
+            assert_eq!(tour_points(longer), points + 1, "{longer} s");
+        }
+        assert_eq!(tour_points(LONGEST_TOUR_S), 17_280_001);
+    }
 
     fn any_request() -> impl Strategy<Value = Request> {
         let bytes = prop::collection::vec(any::<u8>(), size_of::<Request>());

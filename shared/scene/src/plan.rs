@@ -65,8 +65,9 @@ pub struct ScenePlan {
 }
 
 impl ScenePlan {
-    /// Number of objects that may be active at once, each with an equal share of the cache: for
-    /// every probe the touched one and the next one, and one to spare.
+    /// Number of objects that may be active at once: for every probe the touched one and the next
+    /// one, and one to spare. They have equal shares of the cache where there are more objects than
+    /// that, else half of it goes by importance.
     #[must_use]
     pub fn active_objects(&self) -> usize {
         self.objects.len().min(2 * self.probes.len() + 1)

@@ -4,8 +4,8 @@
 //! grows with the speed, holds the way of a tick however many periods were skipped, and is never
 //! less than the range of an effect. It stays active as long as no other object needs its place;
 //! then those go first that have been out of reach for longest. Where more objects are in reach
-//! than there are places, the nearest have them, by the boxes of their full meshes; but none takes
-//! the place of what the tip of a probe may touch: the rest of a tool keeps only what it touches.
+//! than there are places, the nearest of each probe have them (`places`); but none takes the place
+//! of what the tip of a probe may touch: the rest of a tool keeps only what it touches.
 //! One object becomes active a tick, so that a tick stays short. One that has its place late is
 //! touched from where the probe was outside (`starts`), on a straight way from there: a hand that
 //! went round it before it had a place, nearer than its coarsest front reaches, is held on the side
@@ -25,10 +25,10 @@ use super::broad_phase::{Ball, Near};
 use super::object::ActiveObject;
 use super::starts::Vicinity;
 use crate::budget::Budget;
-use crate::instance::in_axes_of;
+use crate::instance::{ObjectInstance, in_axes_of};
 use crate::probe::Probe;
 use crate::streaming::Outbox;
-use crate::tuning::active::{NEARER, PLACED_A_TICK, REACH_RADII};
+use crate::tuning::active::{PLACED_A_TICK, REACH_RADII};
 use geometry::Pose;
 
 impl ActiveSet {
@@ -148,14 +148,20 @@ impl ActiveSet {
                 object.comes_near(near, start, tick);
             }
         }
+        let keeps_all = self.objects.len() == self.instances.len();
         for active in &mut self.objects {
             let object = active.object();
             let awaits = object.is_some_and(|o| probes.iter().any(|p| p.awaits_tour_of(o)));
             let is_used = object.is_some() && !active.session.is_ended();
-            active.is_pinned = is_used && (!active.is_ready() || awaits);
             if active.contacts.any_contact() {
                 active.distance = 0.0;
             }
+            // A known model whose mesh is to come again does not hold a place that a hand has left:
+            // where the station is gone it would for ever.
+            let is_known = |of: ObjectInstance| self.store.model(of.model).is_some();
+            let may_wait = !keeps_all && active.instance.is_some_and(is_known);
+            let is_expected = !active.is_ready() && (active.distance.is_finite() || !may_wait);
+            active.is_pinned = is_used && (awaits || is_expected);
             if active.is_pinned || active.distance.is_finite() {
                 active.needed = tick;
             }
@@ -212,43 +218,25 @@ impl ActiveSet {
         }
     }
 
-    /// Whether an object is active.
-    fn is_active(&self, object: u32) -> bool {
-        self.objects.iter().any(|of| of.object() == Some(object))
-    }
-
     /// The object that needs most to become active, and its place: one that a probe needs, or else
     /// one whose model is not known yet. Where such a model is missing and no place is free, it
     /// goes first: there is no force before it is known.
     fn next_to_activate(&mut self, probes: &[Probe], tick: u64) -> Option<(u32, usize)> {
-        let needed = self.needed_object(probes);
+        let distances = self.distances();
+        let needed = self.needed_objects(probes, &distances);
         let has_free_place = self.objects.iter().any(ActiveObject::is_free);
         let fetches_first = !self.is_complete() && !has_free_place;
-        if (needed.is_none() || fetches_first)
+        if (needed[0].is_none() || fetches_first)
             && let Some(object) = self.next_to_fetch()
             && let Some(k) = self.place_to_fetch(tick)
         {
             return Some((object, k));
         }
-        let (object, distance) = needed?;
-        Some((object, self.place_for(distance, tick)?))
-    }
-
-    /// The object that a probe needs most, and its distance from one, metres: one whose scripted
-    /// path is to be made, or else one in reach.
-    fn needed_object(&self, probes: &[Probe]) -> Option<(u32, f64)> {
-        let is_needed = |object: u32| !self.is_active(object) && !self.is_lost_object(object);
-        let toured = probes.iter().find_map(|probe| {
-            let tour = probe.tour.as_ref().filter(|tour| tour.is_awaited())?;
-            is_needed(tour.object).then_some((tour.object, 0.0))
-        });
-        let near = || {
-            self.broad_phase.near().iter().find_map(|near| {
-                let object = near.object as u32;
-                is_needed(object).then_some((object, near.distance))
-            })
-        };
-        toured.or_else(near)
+        // Where one has no place, that of another probe may have one.
+        needed
+            .iter()
+            .flatten()
+            .find_map(|of| Some((of.object, self.place_for(of, &distances, tick)?)))
     }
 
     /// An object whose model is neither known nor requested. Of many models some are looked at in
@@ -274,55 +262,6 @@ impl ActiveSet {
         self.store.model(model).is_none()
             && !self.faults.is_closed(model)
             && !self.objects.iter().any(is_coming)
-    }
-
-    /// The place for an object that a probe needs, at a distance from it, metres.
-    fn place_for(&self, distance: f64, tick: u64) -> Option<usize> {
-        // Nothing can be touched of an object whose model may never come; it may be on its way,
-        // too.
-        let is_lost = |of: &ActiveObject| of.object().is_some_and(|o| self.is_lost_object(o));
-        let lost = || self.objects.iter().position(is_lost);
-        // Closer than that, the steps of an encoder would move a place to and fro.
-        let pairs = self.objects.iter().flat_map(|of| &of.contacts.pairs);
-        let tip = pairs.map(|pair| pair.patch_m).fold(0.0, f64::max);
-        let least = NEARER * distance.max(0.5 * tip);
-        let farthest = || {
-            let places = self.objects.iter().enumerate();
-            let farther = places.filter(|(_, of)| !of.is_pinned && of.distance > least);
-            let farthest = farther.max_by(|(_, a), (_, b)| a.distance.total_cmp(&b.distance));
-            farthest.map(|(k, _)| k)
-        };
-        let idle = self.idle_place(self.horizons.sleep, tick);
-        idle.or_else(farthest).or_else(lost)
-    }
-
-    /// The place for an object whose model is only to be known: an idle one. Where none will be
-    /// idle as long as the hands stay, and there is no force for want of a model, it is that of the
-    /// object in reach whose surface is farthest. Not of one that is touched: its proxy knows from
-    /// where the hand came.
-    fn place_to_fetch(&self, tick: u64) -> Option<usize> {
-        let idle = self.idle_place(0, tick);
-        let may_wait = self.is_complete() || self.objects.iter().any(|of| of.is_pinned);
-        if idle.is_some() || may_wait {
-            return idle;
-        }
-        let places = self.objects.iter().enumerate();
-        let untouched = places.filter(|(_, of)| !of.contacts.any_contact());
-        let farthest =
-            untouched.max_by(|(_, a), (_, b)| a.clearance_m().total_cmp(&b.clearance_m()));
-        farthest.map(|(k, _)| k)
-    }
-
-    /// A vacant place, or else that of the object that has been out of reach for longest, and for
-    /// more than so many ticks.
-    fn idle_place(&self, ticks: u64, tick: u64) -> Option<usize> {
-        let places = || self.objects.iter().enumerate();
-        let idle = || {
-            let idle = places().filter(|(_, of)| !of.is_pinned && of.needed + ticks < tick);
-            idle.min_by_key(|(_, of)| of.needed)
-        };
-        let vacant = places().find(|(_, of)| of.instance.is_none());
-        vacant.or_else(idle).map(|(k, _)| k)
     }
 
     /// Pairs of a probe and an object that could touch now though the object is not ready.
@@ -378,9 +317,15 @@ mod tests {
     use spm::ModelHeader;
     use std::path::Path;
 
-    /// Of a scene of these models, one an object.
+    /// Of a scene of these models, one an object, and a probe.
     fn set_of(models: impl Iterator<Item = usize>) -> ActiveSet {
-        let mut text = String::from("[cache]\nbytes = \"3MiB\"\n[[probe]]\n");
+        set_with(1, models)
+    }
+
+    /// The same with so many probes.
+    fn set_with(probes: usize, models: impl Iterator<Item = usize>) -> ActiveSet {
+        let mut text = String::from("[cache]\nbytes = \"3MiB\"\n");
+        text += &"[[probe]]\n".repeat(probes);
         for model in models {
             text += &format!("[[object]]\nmodel = \"{model}.spm\"\nsize_m = 0.1\n");
         }
@@ -488,11 +433,71 @@ mod tests {
                 }
             }
             assert_eq!(distance, 0.0);
-            set.place_for(distance, 0)
+            let distances = set.distances();
+            let needed = set.needed_at((3, 0), distance, &distances);
+            set.place_for(&needed, &distances, 0)
         };
         assert_eq!(place_for_it(0.2 * TILE), Some(0));
         assert_eq!(place_for_it(0.8 * tip), Some(0));
         // There the tip may touch all of them.
         assert_eq!(place_for_it(0.6 * tip), None);
+    }
+
+    /// One probe is in eight boxes at once and touches nothing, another one is near two others.
+    #[test]
+    fn a_probe_in_a_crowd_leaves_another_its_place() {
+        const CROWD: usize = 8;
+        let mut set = set_with(2, std::iter::repeat_n(0, CROWD + 2));
+        assert_eq!(set.objects.len(), 5, "places");
+        for object in 0..CROWD {
+            set.broad_phase
+                .place(object, DVec3::splat(-1.0), DVec3::ONE, 0.0);
+        }
+        let tip = set.objects[0].contacts.pairs[0].patch_m;
+        // The next one begins where the first one ends.
+        for (object, lower) in [(CROWD, 10.0), (CROWD + 1, 11.0)] {
+            let lower = DVec3::X * lower;
+            set.broad_phase
+                .place(object, lower, lower + DVec3::ONE, 0.0);
+        }
+        for (place, instance) in set.objects.iter_mut().zip(&set.instances) {
+            place.instance = Some(*instance);
+        }
+        let place_for = |set: &mut ActiveSet, object: usize, x: f64| {
+            let ball = |probe, x| Ball {
+                probe,
+                centre: DVec3::new(x, 0.5, 0.5),
+                radius: 1.0,
+            };
+            let near = set.broad_phase.find([ball(0, 0.0), ball(1, x)], 1.0);
+            let near = near.to_vec();
+            for of in &mut set.objects {
+                of.distance = f64::INFINITY;
+            }
+            for near in &near {
+                if let Some(active) = set.get_mut(near.object as u32) {
+                    active.distance = active.distance.min(near.distance);
+                }
+            }
+            let needed = near.iter().find(|near| near.object == object);
+            let needed = needed.expect("it is in reach");
+            let distances = set.distances();
+            let of = (object as u32, needed.probe);
+            let needed = set.needed_at(of, needed.distance, &distances);
+            set.place_for(&needed, &distances, 0)
+        };
+        let first = 9.9;
+        assert_eq!(place_for(&mut set, 5, first), None, "of the crowd");
+        let place = place_for(&mut set, CROWD, first);
+        let place = place.expect("the first one of the other probe has a place");
+        set.objects[place].instance = Some(set.instances[CROWD]);
+        for object in (0..CROWD).filter(|&object| object == place || object > 4) {
+            assert_eq!(place_for(&mut set, object, first), None, "{object}");
+        }
+        // In the first one, the next is needed when the tip may touch it.
+        let next = CROWD + 1;
+        assert_eq!(place_for(&mut set, next, 11.0 - 2.0 * tip), None);
+        let other = place_for(&mut set, next, 11.0 - 0.5 * tip);
+        assert!(other.is_some_and(|other| other != place), "{other:?}");
     }
 }

@@ -192,6 +192,12 @@ impl ActiveSet {
         self.faults.any()
     }
 
+    /// Another number whenever the fault of a model is another one or has ended.
+    #[must_use]
+    pub fn fault_changes(&self) -> u64 {
+        self.faults.changes()
+    }
+
     /// The fault that ended the use of an object's model.
     #[must_use]
     pub fn fault_of(&self, instance: &ObjectInstance) -> Option<Fault> {

@@ -8,6 +8,10 @@ pub(super) struct ModelFaults {
     of_model: Vec<Option<Fault>>,
     /// Which of these models are asked for again.
     is_asked: Vec<bool>,
+    /// How many have one.
+    count: usize,
+    /// How often that of a model became another one, or ended.
+    changes: u64,
     /// Models that are not known, for a fault.
     lost: usize,
     /// Where the station had no place for a model, and is not asked again: the tick in which it
@@ -22,6 +26,8 @@ impl ModelFaults {
         Self {
             of_model: vec![None; models],
             is_asked: vec![false; models],
+            count: 0,
+            changes: 0,
             lost: 0,
             turned_away: None,
             is_asking: false,
@@ -38,8 +44,15 @@ impl ModelFaults {
         self.of_model[model]
     }
 
+    /// Whether any model has one.
     pub fn any(&self) -> bool {
-        self.of_model.iter().any(Option::is_some)
+        self.count > 0
+    }
+
+    /// Another number whenever the fault of a model is another one or has ended; 0 before the
+    /// first.
+    pub fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// Models that are not known, for a fault: nothing waits for them.
@@ -63,6 +76,7 @@ impl ModelFaults {
     pub fn ask_again(&mut self, is_known: impl Fn(usize) -> bool) {
         self.turned_away = None;
         if !(0..self.of_model.len()).any(&is_known) {
+            self.changes += u64::from(self.any());
             self.of_model.fill(None);
         }
         for (is_asked, fault) in self.is_asked.iter_mut().zip(&self.of_model) {
@@ -80,7 +94,8 @@ impl ModelFaults {
     ) {
         let mut has_no_place = false;
         for (model, fault) in ended {
-            self.of_model[model] = fault;
+            let before = std::mem::replace(&mut self.of_model[model], fault);
+            self.changes += u64::from(before != fault);
             self.is_asked[model] = false;
             has_no_place |= fault == Some(Fault::NoPlace);
         }
@@ -109,16 +124,18 @@ impl ModelFaults {
         true
     }
 
-    /// Counts what is lost and asked for. A model that is asked for again and here, or has come, is
-    /// a matter of its session.
+    /// Counts the faults, and what is lost and asked for. A model that is asked for again and here,
+    /// or has come, is a matter of its session.
     fn settle(&mut self, is_known: impl Fn(usize) -> bool) {
-        (self.lost, self.is_asking) = (0, false);
+        (self.count, self.lost, self.is_asking) = (0, 0, false);
         let models = self.of_model.iter_mut().zip(&mut self.is_asked);
         for (model, (fault, is_asked)) in models.enumerate() {
             let is_known = is_known(model);
             if *is_asked && is_known {
+                self.changes += u64::from(fault.is_some());
                 (*fault, *is_asked) = (None, false);
             }
+            self.count += usize::from(fault.is_some());
             self.lost += usize::from(fault.is_some() && !is_known);
             self.is_asking |= *is_asked;
         }
@@ -157,6 +174,28 @@ mod tests {
         faults.note([(2, Some(UNKNOWN))].into_iter(), |model| model != 2, 30);
         assert_eq!((faults.lost(), faults.is_asking()), (1, false));
         assert_eq!([2, 3].map(|model| faults.of(model)), [Some(UNKNOWN), None]);
+    }
+
+    #[test]
+    fn what_is_told_once_is_told_again_when_it_changes_only() {
+        let mut faults = ModelFaults::new(4);
+        let mut told = faults.changes();
+        assert_eq!((told, faults.any()), (0, false));
+        let mut is_news = |faults: &ModelFaults| {
+            let before = std::mem::replace(&mut told, faults.changes());
+            before != told
+        };
+        faults.note([(2, Some(UNKNOWN))].into_iter(), two, 10);
+        assert!(faults.any() && is_news(&faults));
+        faults.note([(2, Some(UNKNOWN))].into_iter(), two, 11);
+        assert!(!is_news(&faults), "it is the same one");
+        faults.ask_again(two);
+        assert!(
+            faults.any() && !is_news(&faults),
+            "it stays while it is asked for"
+        );
+        faults.note(std::iter::empty(), |_| true, 12);
+        assert!(!faults.any() && is_news(&faults), "the model has come");
     }
 
     #[test]

@@ -5,5 +5,6 @@ pub(crate) mod active_set;
 pub mod broad_phase;
 mod faults;
 pub(crate) mod object;
+mod places;
 mod shares;
 mod starts;

@@ -35,7 +35,8 @@ pub struct ActiveObject {
     pub(crate) session: Session,
     pub(crate) front: Front,
     pub(crate) contacts: Contacts,
-    /// Whether the object must stay active: its model or a scripted path is to come.
+    /// Whether the object must stay active: its model or a scripted path is to come, or the mesh
+    /// for a hand in reach.
     pub(super) is_pinned: bool,
     /// Tick when the object was last in reach or otherwise needed.
     pub(super) needed: u64,

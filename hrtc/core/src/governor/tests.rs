@@ -89,6 +89,21 @@ fn what_a_tick_does_in_any_case_is_charged_and_allowed() {
     }
 }
 
+/// A longer period has as many looks as ticks of a millisecond in it.
+#[test]
+fn prediction_is_charged_by_its_looks() {
+    let costs = WorkCosts::REFERENCE;
+    let inbox = |period_s: f64| {
+        let mut governor = Governor::new(period_s, 96);
+        governor.set_load(&TickLoad::from([1, 1]));
+        governor.spent().by_group[CostGroup::Inbox as usize]
+    };
+    for (period_s, looks) in [(2.5e-4, 1.0), (1e-3, 1.0), (4e-3, 4.0), (1e-2, 10.0)] {
+        let due = 2.0 * looks * costs.prediction;
+        assert_eq!(inbox(period_s), due, "{period_s}");
+    }
+}
+
 #[test]
 fn one_long_tick_changes_nothing_and_two_do() {
     let mut governor = Governor::new(1e-3, 96);

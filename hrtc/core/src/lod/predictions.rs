@@ -19,7 +19,7 @@ pub struct Unknown {
     /// Whether it is to be performed, not only loaded.
     pub is_needed: bool,
     /// Tick when it was predicted.
-    predicted: u64,
+    pub(crate) predicted: u64,
 }
 
 impl Unknown {

@@ -160,8 +160,8 @@ impl Session {
             return;
         };
         let key = cache.regions.at(region).key;
-        if let Some(ticks) = self.subscriber.answer_begins(key, tick) {
-            meter.answered(ticks, tick);
+        if let Some(periods) = self.subscriber.answer_begins(key, meter.clock(tick)) {
+            meter.answered(periods, tick);
         }
         if cache.begin_answer(region).is_err() {
             self.ask_again(region, cache, tick);

@@ -62,7 +62,7 @@ impl Session {
         context: &mut TickContext<'_, '_>,
     ) -> Taken {
         let end = model_slots(header) as u32;
-        // A repeated answer (after an epoch ended) starts anew: the same values are set again.
+        // An answer after the end of an epoch goes on from what is here, or begins anew.
         for slot in 0..CHUNK_SLOTS as u32 {
             let place = chunk.header.code.saturating_add(slot);
             if place < self.progress.model_slots || place >= end {

@@ -20,7 +20,7 @@ pub enum Fault {
     DamagedModel,
     /// The station cannot make the tour that the scene asks for.
     #[error(
-        "the station cannot make a tour of this model (its own message says why): lower the speed (a tour goes at most 20 lengths of the object a second), build the SPM file anew, or give the scene a path with trajectory = {{ csv = \"FILE\" }}"
+        "the station cannot make a tour of this model (its own message says why): lower the speed (a tour goes at most 20 lengths of the object a second), the tour's depth_m or the radius of the probe (neither may be longer than the object), build the SPM file anew, or give the scene a path with trajectory = {{ csv = \"FILE\" }}"
     )]
     NoTour,
     /// The station has no place for another controller.

@@ -1,5 +1,9 @@
 //! Round-trip time and rate of the link to the station, measured from what is exchanged anyway, and
 //! what follows from them: how long to wait, how much may be under way, how far to look ahead.
+//!
+//! Link and station go on while periods are skipped: what is measured is measured by the clock,
+//! skipped periods too ([`LinkMeter::clock`]). When in them a chunk came is not known, so a
+//! measurement that may be by so much too long changes what is believed only beyond that.
 
 use super::chunk::InboxChunk;
 use crate::cache::MAX_OUTSTANDING;
@@ -71,10 +75,15 @@ struct Delay {
     least: Least,
 }
 
-/// See the module. Times are in ticks; until something is measured the link counts as a local one.
+/// See the module. Times are in periods, ticks that were run and skipped ones; until something is
+/// measured the link counts as a local one.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct LinkMeter {
     rate_hz: f64,
+    /// Periods that were skipped so far.
+    skipped: u64,
+    /// Periods within which chunks that wait now may have come unseen.
+    unseen: u64,
     /// The shortest timeout.
     answer_timeout: u64,
     /// The timeout before a round trip was measured.
@@ -107,6 +116,8 @@ impl LinkMeter {
     pub fn new(horizons: &Horizons) -> Self {
         Self {
             rate_hz: horizons.rate_hz,
+            skipped: 0,
+            unseen: 0,
             answer_timeout: horizons.answer_timeout,
             first_timeout: horizons.answer_timeout,
             slow_start: MAX_CREDIT_CHUNKS,
@@ -129,19 +140,45 @@ impl LinkMeter {
         self.slow_start = FIRST_WINDOW;
     }
 
-    /// A question that was put once is answered, so many ticks after it was put: one put twice says
-    /// nothing (Karn's rule).
-    pub fn answered(&mut self, ticks: u64, tick: u64) {
-        let ticks = ticks as f64;
+    /// A tick begins, after so many skipped periods.
+    pub fn begin_tick(&mut self, skipped: u64) {
+        self.skipped = self.skipped.saturating_add(skipped);
+        let before = if self.left > 0 { self.unseen } else { 0 };
+        self.unseen = before.max(skipped);
+    }
+
+    /// The time in a tick of those that were run, periods: skipped ones count.
+    #[must_use]
+    pub fn clock(&self, tick: u64) -> u64 {
+        tick.saturating_add(self.skipped)
+    }
+
+    /// What is believed after a measurement that may be too long by what came unseen: the same,
+    /// where that explains it.
+    fn within(&self, believed: f64, measured: f64) -> f64 {
+        believed.max(measured - self.unseen as f64).min(measured)
+    }
+
+    /// A question that was put once is answered, so long after it was put by the
+    /// [`LinkMeter::clock`]: one put twice says nothing (Karn's rule).
+    pub fn answered(&mut self, periods: u64, tick: u64) {
+        let measured = periods as f64;
         // RFC 6298, 2.2 and 2.3.
         self.round_trip = Some(match self.round_trip {
-            None => (ticks, 0.5 * ticks),
-            Some((smoothed, variation)) => (
-                smoothed + (ticks - smoothed) * ROUND_TRIP_SHARE,
-                variation + ((ticks - smoothed).abs() - variation) * VARIATION_SHARE,
-            ),
+            None => {
+                let first = self.within(0.0, measured);
+                (first, 0.5 * first)
+            }
+            Some((smoothed, variation)) => {
+                let ticks = self.within(smoothed, measured);
+                (
+                    smoothed + (ticks - smoothed) * ROUND_TRIP_SHARE,
+                    variation + ((ticks - smoothed).abs() - variation) * VARIATION_SHARE,
+                )
+            }
         });
-        self.least.take(ticks, tick, MIN_SPAN_S * self.rate_hz);
+        let now = self.clock(tick);
+        self.least.take(measured, now, MIN_SPAN_S * self.rate_hz);
     }
 
     /// A chunk of answers is taken.
@@ -157,10 +194,10 @@ impl LinkMeter {
         }
     }
 
-    /// Ticks for which a chunk that arrives now waited on the link behind others.
-    fn waited_on_link(&mut self, sent: Sent, tick: u64) -> f64 {
+    /// Periods for which a chunk that arrives now waited on the link behind others, or here unseen.
+    fn waited_on_link(&mut self, sent: Sent, now: u64) -> f64 {
         // The clocks wrap, the differences of their differences do not.
-        let now_us = (tick as f64 * 1e6 / self.rate_hz) as u64 as u32;
+        let now_us = (now as f64 * 1e6 / self.rate_hz) as u64 as u32;
         let delay_us = now_us.wrapping_sub(sent.clock_us);
         let delay = match &mut self.delay {
             Some(delay) if delay.station == sent.station => delay,
@@ -172,7 +209,7 @@ impl LinkMeter {
         };
         let beyond_us = delay_us.wrapping_sub(delay.first_us).cast_signed();
         let ticks = 1e-6 * f64::from(beyond_us) * self.rate_hz;
-        delay.least.take(ticks, tick, MIN_SPAN_S * self.rate_hz);
+        delay.least.take(ticks, now, MIN_SPAN_S * self.rate_hz);
         delay.least.get().map_or(0.0, |least| ticks - least)
     }
 
@@ -186,16 +223,21 @@ impl LinkMeter {
     /// becomes so small that every chunk waits for its credit and none tells the rate of the link.
     /// So those that come at once tell it: all but one were carried while the last was on the link.
     /// And each that only waited for credit lets it be tried whether the link carries more.
+    ///
+    /// One that came in skipped periods counts as if it had not waited in them; those that come at
+    /// once after a stall came in at most that time.
     pub fn arrive(&mut self, waiting: usize, sent: Option<[Sent; 2]>, tick: u64) {
         let came = waiting.saturating_sub(self.left);
         self.slow_start = MAX_CREDIT_CHUNKS.min(self.slow_start + came as u64);
         let Some([first, last]) = sent.filter(|_| came > 0) else {
             return;
         };
-        let [waited, last_waited] = [first, last].map(|of| self.waited_on_link(of, tick));
-        self.waits += (last_waited - self.waits) * WAIT_SHARE;
-        let since_last = tick.saturating_sub(self.arrived) as f64;
-        self.arrived = tick;
+        let now = self.clock(tick);
+        let [waited, last_waited] = [first, last].map(|of| self.waited_on_link(of, now));
+        let waits = self.within(self.waits, last_waited);
+        self.waits += (waits - self.waits) * WAIT_SHARE;
+        let since_last = now.saturating_sub(self.arrived) as f64;
+        self.arrived = now;
         if self.left > 0 {
             return;
         }
@@ -203,13 +245,17 @@ impl LinkMeter {
         let fade = |(chunks, ticks): (f64, f64)| (keeps * chunks, keeps * ticks);
         // The least delay has a chunk's own transfer in it.
         let transfer = 1.0 / self.rate();
-        if waited + transfer >= since_last {
+        let unseen = self.unseen as f64;
+        if waited - unseen + transfer >= since_last {
             let (chunks, ticks) = self.flow.map(fade).unwrap_or_default();
             self.flow = Some((chunks + came as f64, ticks + since_last));
         } else if came > 1 {
-            let carried = ((came - 1) as f64, last_waited.max(1.0));
+            let carried = ((came - 1) as f64, last_waited.max(1.0) + unseen);
             let faded = self.flow.map(fade);
-            self.flow = faded.map(|of| (of.0 + carried.0, of.1 + carried.1));
+            // After a stall the time is an upper bound: it may only raise the rate.
+            if unseen == 0.0 || carried.0 > carried.1 * self.rate() {
+                self.flow = faded.map(|of| (of.0 + carried.0, of.1 + carried.1));
+            }
         } else if first.waited_for_credit {
             self.flow = self.flow.map(|(chunks, ticks)| (chunks, keeps * ticks));
         }
@@ -360,199 +406,4 @@ impl LinkMeter {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn meter() -> LinkMeter {
-        LinkMeter::new(&Horizons::new(1000.0))
-    }
-
-    /// Of a chunk that was sent at a tick, for which it had waited for its credit.
-    fn sent(tick: u64) -> Option<[Sent; 2]> {
-        let sent = Sent {
-            station: 1,
-            // Any start of its clock, so that it wraps.
-            clock_us: ((1000 * tick) as u32).wrapping_sub(20_000),
-            waited_for_credit: true,
-        };
-        Some([sent; 2])
-    }
-
-    /// A meter after answers of `round_trip` ticks, and a chunk every `gap` ticks of an answer that
-    /// is on its way.
-    fn after(round_trip: u64, gap: u64) -> LinkMeter {
-        let mut meter = meter();
-        for k in 0..200 {
-            meter.answered(round_trip, k);
-            // Four are on the link at a time.
-            meter.arrive(1, sent(1000 + k.saturating_sub(3) * gap), 1100 + k * gap);
-            meter.leave(0);
-        }
-        meter
-    }
-
-    #[test]
-    fn a_local_link_is_as_if_nothing_was_measured() {
-        let (new, mut local) = (meter(), meter());
-        for tick in 0..10_000 {
-            local.answered(4, tick);
-        }
-        for of in [&new, &local] {
-            assert_eq!((of.window(), of.lead()), (CREDIT_CHUNKS, 0.0));
-            assert_eq!((of.most_questions(), of.request_ticks()), (32, 0));
-            assert!(!of.comes_late(31, 0.0) && of.questions_in_transit() > 32);
-        }
-        assert_eq!((new.timeout(0), local.timeout(0)), (200, 200));
-        assert_eq!(local.timeout(2), 800);
-        let mut far = meter();
-        far.station_is_far();
-        assert_eq!((far.timeout(0), far.timeout(1)), (1000, 2000));
-        far.answered(4, 0);
-        assert_eq!(far.timeout(0), 300, "what TCP repeats is not lost");
-        assert!(new.round_trip_s() < 0.0 && new.bytes_per_s() < 0.0);
-        assert!((local.round_trip_s() - 0.004).abs() < 1e-9);
-    }
-
-    #[test]
-    fn the_window_of_a_far_station_doubles_in_a_round_trip() {
-        let mut meter = meter();
-        assert_eq!(meter.window(), CREDIT_CHUNKS);
-        meter.station_is_far();
-        meter.answered(200, 0);
-        let mut windows = Vec::new();
-        for round_trip in 1..6 {
-            let window = meter.window();
-            meter.arrive(window as usize, sent(200 * round_trip), 200 * round_trip);
-            meter.leave(0);
-            windows.push(window);
-        }
-        assert_eq!(windows, [8, 16, 32, 64, 64]);
-    }
-
-    #[test]
-    fn a_timeout_is_longer_than_every_answer_of_late() {
-        for round_trip in [100, 300, 1000] {
-            let mut meter = meter();
-            for tick in 0..1000 {
-                let ticks = round_trip + 40 * (tick % 5);
-                if tick > 100 {
-                    assert!(meter.timeout(0) > ticks);
-                }
-                meter.answered(ticks, tick);
-            }
-        }
-    }
-
-    #[test]
-    fn a_thin_line_carries_little_at_once() {
-        let thin = after(30, 16);
-        let chunk = size_of::<InboxChunk>() as f64;
-        assert!((thin.bytes_per_s() / (chunk * 1000.0 / 16.0) - 1.0).abs() < 1e-3);
-        assert!((MIN_WINDOW..8).contains(&thin.window()));
-        assert!(thin.request_ticks() > 4);
-        // Farther away, more is under way at the same rate.
-        let far = after(300, 16);
-        assert!(far.window() > 3 * thin.window() && far.lead() > thin.lead());
-        assert!(far.most_questions() > thin.most_questions());
-        // An answer takes the round trip and its own chunks, and those of the answers before it.
-        assert!(thin.comes_late(1, 61.0) && !thin.comes_late(1, 63.0));
-        assert!(far.comes_late(3, 363.0) && !far.comes_late(3, 365.0));
-        // The distance alone is no reason.
-        assert!(!far.comes_late(0, 0.0) && !after(300, 1).comes_late(20, 0.0));
-    }
-
-    #[test]
-    fn nothing_is_late_on_a_link_that_was_slow_only_at_first() {
-        let mut link = after(200, 16);
-        assert!(link.comes_late(10, 200.0));
-        // What is asked for now comes without waiting, though the rate that was seen is still low.
-        for k in 0..16 {
-            let tick = 10_000 + 100 * k;
-            link.arrive(1, sent(tick - 100), tick);
-            link.leave(0);
-        }
-        assert!(link.transfer_ticks(10) > 30.0);
-        assert!(!link.comes_late(10, 200.0));
-    }
-
-    #[test]
-    fn what_the_station_sends_at_its_own_pace_says_nothing_about_the_rate() {
-        for jitter in [0, 3] {
-            let mut meter = meter();
-            meter.answered(100, 0);
-            for k in 1..1000 {
-                let is_late = k % 2 == 0;
-                let delay = 100 + if is_late { jitter } else { 0 };
-                meter.arrive(1, sent(7 * k), 7 * k + delay);
-                meter.leave(0);
-            }
-            assert!(meter.bytes_per_s() < 0.0);
-        }
-    }
-
-    #[test]
-    fn another_station_has_another_clock() {
-        let mut meter = meter();
-        for k in 1..1000 {
-            let station = 1 + k / 100;
-            let began_us = station as u32 * 0x1234_5678;
-            let of = sent(7 * k).map(|of| {
-                of.map(|of| Sent {
-                    station,
-                    clock_us: of.clock_us.wrapping_add(began_us),
-                    ..of
-                })
-            });
-            meter.arrive(1, of, 7 * k + 100);
-            meter.leave(0);
-        }
-        assert!(meter.bytes_per_s() < 0.0);
-    }
-
-    /// Round trips until as much may be under way again as before a time of stalls, where what is
-    /// allowed arrives in bursts of so many.
-    fn recovery(burst: u64) -> u64 {
-        let mut meter = after(200, 1);
-        let before = meter.window();
-        let mut tick = 10_000;
-        while meter.window() > 2 * MIN_WINDOW {
-            assert!(tick < 1_000_000, "the link looks thin");
-            // It stalls for longer and longer.
-            meter.arrive(1, sent(tick - 250 - tick / 4), tick);
-            meter.leave(0);
-            tick += 200;
-        }
-        for round_trips in 0..1000 {
-            if meter.window() >= before {
-                return round_trips;
-            }
-            let allowed = tick;
-            tick += 200;
-            for burst in (0..meter.window().div_ceil(burst)).map(|_| burst) {
-                meter.arrive(burst as usize, sent(allowed), tick);
-                meter.leave(0);
-                tick += 1;
-            }
-        }
-        panic!("{} chunks for ever", meter.window());
-    }
-
-    #[test]
-    fn a_link_that_stalled_is_not_taken_for_a_thin_one() {
-        for burst in [1, 2, 4] {
-            let round_trips = recovery(burst);
-            println!("in bursts of {burst}: {round_trips} round trips");
-            assert!(round_trips < 60);
-        }
-    }
-
-    #[test]
-    fn the_shortest_round_trip_follows_a_link_that_changes() {
-        let mut meter = meter();
-        meter.answered(20, 0);
-        for tick in (0..30_000).step_by(100) {
-            meter.answered(120, tick);
-        }
-        assert!((meter.lead() - 90.0).abs() < 1e-9, "{}", meter.lead());
-    }
-}
+mod tests;

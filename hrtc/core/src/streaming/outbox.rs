@@ -14,6 +14,8 @@ pub struct Outbox {
     most: usize,
     /// Requests that there may be when the present session is through.
     limit: usize,
+    /// Predicted regions that were looked at for them.
+    looked_at: u32,
 }
 
 impl Outbox {
@@ -25,6 +27,7 @@ impl Outbox {
             requests: Vec::with_capacity(room),
             most: room,
             limit: 0,
+            looked_at: 0,
         }
     }
 
@@ -38,6 +41,7 @@ impl Outbox {
     pub fn clear(&mut self) {
         self.requests.clear();
         self.limit = 0;
+        self.looked_at = 0;
         self.most = self.requests.capacity();
     }
 
@@ -58,6 +62,17 @@ impl Outbox {
     #[must_use]
     pub fn has_room(&self) -> bool {
         self.requests.len() < self.limit
+    }
+
+    /// Predicted regions that the sessions looked at since it was emptied, asked for or not.
+    #[must_use]
+    pub fn looked_at(&self) -> u32 {
+        self.looked_at
+    }
+
+    /// So many more were looked at.
+    pub fn has_looked_at(&mut self, regions: u32) {
+        self.looked_at += regions;
     }
 
     /// Adds a request of the present session.

@@ -8,7 +8,7 @@ use crate::tuning::streaming::LOST_AT_ONCE;
 pub struct Question {
     /// The region.
     pub region: RegionKey,
-    /// Tick when it was asked for last.
+    /// When it was asked for last, by the clock of the link's meter as all times here.
     asked: u64,
     /// Whether it was asked for twice, or its answer has begun: then that says nothing about the
     /// round trip.

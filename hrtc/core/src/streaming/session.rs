@@ -251,6 +251,7 @@ impl Session {
         if front.cache.is_clearing() {
             return;
         }
+        self.subscriber.model_goes_on(self.progress.model_slots);
         let may_request = front.may_request(tick) && self.subscriber.may_ask(&front.cache);
         let (cache, wanted) = front.requests(may_request, waiting);
         self.subscriber.requests(tick, cache, wanted, meter, outbox);
@@ -326,11 +327,11 @@ impl Session {
     ) -> Taken {
         match ChunkKind::from_code(chunk.header.kind) {
             Some(ChunkKind::Model) => {
-                if chunk.header.code == 0
-                    && self.progress.done == 0
-                    && let Some(ticks) = self.subscriber.model_begins(context.tick)
+                let (slot, now) = (chunk.header.code, context.meter.clock(context.tick));
+                if self.progress.done == 0
+                    && let Some(periods) = self.subscriber.model_begins(slot, now)
                 {
-                    context.meter.answered(ticks, context.tick);
+                    context.meter.answered(periods, context.tick);
                 }
                 return self.take_model(chunk, of, context);
             }
@@ -410,8 +411,8 @@ impl Session {
     ) {
         let header = &chunk.header;
         match Refusal::from_code(header.code) {
-            // A station that knows the name, but not the model of the regions here.
-            Some(Refusal::UnknownModel) if of.front.model().is_some() => {
+            // A station that knows the name, but not the model that is here or in the store.
+            Some(Refusal::UnknownModel) if self.subscriber.model() != 0 => {
                 self.fault = Some(Fault::AnotherModel);
             }
             Some(Refusal::UnknownModel) => self.fault = Some(Fault::UnknownModel),

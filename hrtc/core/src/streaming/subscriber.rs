@@ -69,8 +69,10 @@ pub struct Subscriber {
     consumed: u64,
     consumed_told: u64,
     model: u64,
-    /// Tick when the model was asked for in this epoch.
-    model_asked: Option<u64>,
+    /// When the model was asked for in this epoch, by the clock of the meter, and from which slot.
+    model_asked: Option<(u64, u32)>,
+    /// Slots of the model that are here.
+    model_from: u32,
     tour: Option<TourAsk>,
     tour_asked: bool,
     quarters_asked: bool,
@@ -118,6 +120,7 @@ impl Subscriber {
             consumed_told: 0,
             model: 0,
             model_asked: None,
+            model_from: 0,
             tour: None,
             tour_asked: false,
             quarters_asked: false,
@@ -264,14 +267,22 @@ impl Subscriber {
         }
     }
 
-    /// The first chunk of the model has come: the ticks since it was asked for.
-    pub fn model_begins(&mut self, tick: u64) -> Option<u64> {
-        Some(tick.saturating_sub(self.model_asked?))
+    /// A chunk of the model that begins with a slot has come: the periods since the model was asked
+    /// for, if it was from there. `now`: by the clock of the meter.
+    pub fn model_begins(&self, slot: u32, now: u64) -> Option<u64> {
+        let (asked, _) = self.model_asked.filter(|&(_, from)| from == slot)?;
+        Some(now.saturating_sub(asked))
     }
 
-    /// The answer to a region begins: the ticks since it was asked for, if it was asked for once.
-    pub fn answer_begins(&mut self, region: RegionKey, tick: u64) -> Option<u64> {
-        self.questions.begin_answer(region, tick)
+    /// So many slots of the model are here: after a loss it is asked for from there.
+    pub fn model_goes_on(&mut self, from: u32) {
+        self.model_from = from;
+    }
+
+    /// The answer to a region begins: the periods since it was asked for, if it was asked for once.
+    /// `now`: by the clock of the meter.
+    pub fn answer_begins(&mut self, region: RegionKey, now: u64) -> Option<u64> {
+        self.questions.begin_answer(region, now)
     }
 
     /// The answer to a region is of no use: it is to be requested with every record.
@@ -391,8 +402,10 @@ impl Subscriber {
         }
         if self.model == 0 {
             if self.model_asked.is_none() && outbox.has_room() {
-                self.model_asked = Some(tick);
-                let request = self.request(RequestKind::Model);
+                let from = self.model_from;
+                self.model_asked = Some((meter.clock(tick), from));
+                let mut request = self.request(RequestKind::Model);
+                request.count = from;
                 let begins_wait = self.questions.all().is_empty();
                 self.send(outbox, request, tick, begins_wait);
             }
@@ -473,17 +486,19 @@ impl Subscriber {
         cache
             .regions
             .drain_releases(|key| push(&mut request, key, RegionAction::Release));
-        let again = self.request_again(&mut cache.regions, &mut request, tick);
+        let now = meter.clock(tick);
+        let again = self.request_again(&mut cache.regions, &mut request, now);
         let refused_ticks = self.refused_ticks;
         cache.regions.forget_old_refusal(tick, refused_ticks);
         let loses = self.questions.has_lost_many();
-        let mut asked = 0;
+        let (mut asked, mut looked_at) = (0, 0);
         while (request.count as usize) < REGIONS_PER_REQUEST
             && self.questions.all().len() < self.most_questions
         {
             let Some(of) = wanted.next() else {
                 break;
             };
+            looked_at += 1;
             let open = self.questions.all().len();
             // What is needed must not wait behind what is only loaded ahead; and where the cache
             // lost what answers counted on, it holds no more of that.
@@ -504,9 +519,10 @@ impl Subscriber {
             cache.regions.mark_used(index, tick);
             cache.regions.at_mut(index).due = of.due as u64;
             push(&mut request, of.key, RegionAction::Subscribe);
-            self.questions.ask(of.key, tick);
+            self.questions.ask(of.key, now);
             asked += 1;
         }
+        outbox.has_looked_at(looked_at);
         if request.count > 0 {
             self.send(outbox, request, tick, was_idle && asked + again > 0);
             self.asked_at = tick;
@@ -516,18 +532,13 @@ impl Subscriber {
 
     /// Requests regions again, with every record, whose answer was of no use; they are outstanding
     /// still. Their number.
-    fn request_again(
-        &mut self,
-        regions: &mut RegionTable,
-        request: &mut Request,
-        tick: u64,
-    ) -> u32 {
+    fn request_again(&mut self, regions: &mut RegionTable, request: &mut Request, now: u64) -> u32 {
         let mut again = 0;
         while (request.count as usize) < REGIONS_PER_REQUEST
             && let Some(key) = regions.request_again()
         {
             push(request, key, RegionAction::Resend);
-            self.questions.ask_again(key, tick);
+            self.questions.ask_again(key, now);
             again += 1;
         }
         self.resent += u64::from(again);
@@ -543,3 +554,6 @@ fn push(request: &mut Request, region: RegionKey, action: RegionAction) {
     };
     request.count += 1;
 }
+
+#[cfg(test)]
+mod tests;

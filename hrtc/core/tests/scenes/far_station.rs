@@ -433,3 +433,26 @@ fn a_far_controller_says_little() {
     // Seen: 176. A tick that asked for each region alone would make several times as many.
     assert!(asked <= 300, "{asked}");
 }
+
+/// The controller stalls now and then, and what was under way waits for it: the station is as far
+/// away as before.
+#[test]
+fn a_stall_of_the_controller_makes_no_station_near() {
+    const ROUND_TRIP: u64 = 200;
+    let mut world = begin(&model(), link(ROUND_TRIP, f64::INFINITY), true);
+    while world.controller().tour().is_none() {
+        assert!(world.tick() < MAX_START, "the tour arrives");
+        world.step_led();
+    }
+    for _ in 0..1000 {
+        world.step_led();
+    }
+    let least = 1e-3 * ROUND_TRIP as f64 - 1e-9;
+    for stall in 0..10 {
+        world.skip(150);
+        for _ in 0..200 {
+            let measured = world.step_led().record.round_trip_s;
+            assert!(measured >= least, "stall {stall}: {measured} s");
+        }
+    }
+}

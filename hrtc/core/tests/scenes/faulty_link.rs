@@ -3,6 +3,7 @@
 
 use crate::common::{World, faulty, plan, rest, spm, station, surface_over, world};
 use glam::DVec3;
+use protocol::{ChunkKind, RequestKind};
 use simulator::{LinkModel, refined_front};
 use spm_builder::BuildOptions;
 use spm_builder::generate::{Shape, generate};
@@ -160,4 +161,40 @@ fn a_bad_link_of_compact_chunks() {
             }
         });
     }
+}
+
+/// A base mesh of forty chunks, of which every tenth is lost: so many never come in a row.
+#[test]
+fn a_base_mesh_goes_on_from_where_a_loss_ended_it() {
+    const EVERY: u64 = 10;
+    let options = BuildOptions {
+        base_faces: Some(4000),
+        ..BuildOptions::default()
+    };
+    let model = spm(generate(Shape::Relief, 20_000, 1), &options);
+    let mut world = world(&plan(""), &model, 6.0);
+    let mut sent = 0_u64;
+    world.client_mut().link().tamper(move |chunk| {
+        if chunk.header.kind == ChunkKind::Model as u32 {
+            sent += 1;
+            // It looks like another client's.
+            chunk.header.client ^= u64::from(sent.is_multiple_of(EVERY));
+        }
+    });
+    let (mut asks, mut here) = (0, 0);
+    while !world.outputs().record.ready {
+        assert!(world.tick() < MAX_TICKS, "the base mesh arrives");
+        world.step_at(DVec3::ONE);
+        let kind = RequestKind::Model as u32;
+        for request in world.asked().iter().filter(|of| of.kind == kind) {
+            assert!(request.count >= here, "what came stays");
+            (asks, here) = (asks + 1, request.count);
+        }
+    }
+    println!(
+        "{asks} requests in {} ticks, the last from slot {here}",
+        world.tick()
+    );
+    assert!(asks > 3 && here > 0, "{asks} {here}");
+    world.controller().cache().check();
 }

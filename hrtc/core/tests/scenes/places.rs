@@ -397,3 +397,96 @@ fn a_base_vertex_without_a_bound_makes_its_object_near_to_nothing_far_away() {
     settle(&mut world, &[Some(at)]);
     assert!(world.force().length() > 0.5, "{}", world.force());
 }
+
+/// Leads the second probe to a place, at most `step` metres a tick; the first one rests at the
+/// origin.
+fn lead_second(world: &mut World, at: &mut DVec3, to: DVec3, step: f64) {
+    while *at != to {
+        let left = to - *at;
+        let share = (step / left.length()).min(1.0);
+        *at = if share < 1.0 { *at + left * share } else { to };
+        world.step_places(&[Some(DVec3::ZERO), Some(*at)]);
+    }
+}
+
+/// One hand rests in the corners of the boxes of large balls and touches nothing, the other one
+/// goes to two small balls.
+#[test]
+fn a_hand_in_a_crowd_leaves_the_other_one_what_it_touches() {
+    for crowd in [3usize, 5, 8] {
+        let side = |bit: usize| if bit == 1 { 0.18 } else { -0.18 };
+        let corner = |k: usize| DVec3::new(side(k & 1), side(k >> 1 & 1), side(k >> 2 & 1));
+        let mut balls: Vec<_> = (0..crowd).map(|k| ("sphere", 0.4, corner(k))).collect();
+        let centres = [1.0, 1.13].map(|x| DVec3::X * x);
+        balls.extend(centres.map(|centre| ("sphere", 2.0 * BALL, centre)));
+        let plan = scene_plan(&balls, 2, 16 << 20);
+        let mut world = scene_world(&plan, &[("sphere", &SPHERE)], 0.0);
+        assert_eq!(world.controller().active_objects().len(), 5, "places");
+        let mut at = centres[0] + DVec3::Z * 0.2;
+        settle(&mut world, &[Some(DVec3::ZERO), Some(at)]);
+        for (k, centre) in centres.into_iter().enumerate() {
+            let above = |gap: f64| centre + DVec3::Z * (BALL + PROBE + gap);
+            lead_second(&mut world, &mut at, above(0.02), 1e-3);
+            lead_second(&mut world, &mut at, above(-2e-3), 1e-4);
+            let (mut touched, mut active) = (0, Vec::new());
+            for tick in 0..500 {
+                world.step_places(&[Some(DVec3::ZERO), Some(at)]);
+                let contact = world.outputs().contacts[1];
+                touched += u32::from(contact.is_some_and(|of| of.object as usize == crowd + k));
+                let places = world.controller().active_objects().iter();
+                let now: Vec<_> = places.map(|of| of.object()).collect();
+                assert!(tick <= 200 || now == active, "{crowd}: {active:?}, {now:?}");
+                active = now;
+            }
+            assert!(touched > 250, "{crowd}, ball {k}: {touched} ticks");
+            assert!(world.outputs().contacts[0].is_none(), "{crowd}");
+            lead_second(&mut world, &mut at, above(0.02), 1e-3);
+        }
+        assert_eq!(world.client().allocations(), 0);
+        check(&world);
+    }
+}
+
+/// The station goes away. A hand passes three plates whose base mesh finds no room beside the
+/// caches, and comes back to a ball whose base mesh does.
+#[test]
+fn what_a_hand_has_left_gives_its_place_though_its_mesh_never_came() {
+    let options = BuildOptions {
+        base_faces: Some(4000),
+        ..BuildOptions::default()
+    };
+    let plate = spm(generate(Shape::Plate, 20_000, 1), &options);
+    let centre = |object: usize| DVec3::X * (0.5 * object as f64);
+    let mut objects = vec![("sphere", 2.0 * BALL, centre(0))];
+    objects.extend((1..5).map(|object| ("plate", 0.1, centre(object))));
+    let plan = scene_plan(&objects, 1, 8 << 20);
+    let models = [("sphere", SPHERE.as_slice()), ("plate", plate.as_slice())];
+    let mut world = scene_world(&plan, &models, 0.0);
+    assert_eq!(world.controller().active_objects().len(), 3, "places");
+    let over = |object: usize, height: f64| centre(object) + DVec3::Z * height;
+    let mut at = over(0, 0.4);
+    while !world.outputs().record.ready {
+        world.step_places(&[Some(at)]);
+        assert!(world.tick() < 20_000, "the models arrive");
+    }
+    world.mute_station(true);
+    for object in 2..5 {
+        lead(&mut world, &mut at, over(object, 0.4), 1e-3);
+        lead(&mut world, &mut at, over(object, 0.01), 1e-3);
+        let active = world.controller().active_object(object);
+        let waits = active.is_some_and(|of| !of.is_ready());
+        assert!(waits, "object {object} waits for its mesh");
+        lead(&mut world, &mut at, over(object, 0.4), 1e-3);
+    }
+    assert!(world.controller().active_object(0).is_none(), "no place");
+    lead(&mut world, &mut at, over(0, 0.4), 1e-3);
+    lead(&mut world, &mut at, over(0, BALL + 0.02), 1e-3);
+    lead(&mut world, &mut at, over(0, BALL - 1e-3), 1e-4);
+    for _ in 0..300 {
+        world.step_places(&[Some(at)]);
+    }
+    let touched = world.outputs().contacts[0].map(|of| of.object);
+    assert_eq!(touched, Some(0));
+    assert_eq!(world.client().allocations(), 0);
+    check(&world);
+}

@@ -1,7 +1,7 @@
 //! The inputs of a run give its outputs again, bit by bit, tick by tick.
 
 use crate::common::{faulty, plan, spm, station, world};
-use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
+use hrtc_core::{Controller, ControllerOptions, NoObserver, TickInputs, WrenchLimits};
 use scene::ScenePlan;
 use simulator::{ClientOptions, InputRecording, Playback, Summary};
 use spm_builder::BuildOptions;
@@ -9,6 +9,10 @@ use spm_builder::generate::{Shape, generate};
 
 const TICKS: usize = 3000;
 const RESTART: usize = 2000;
+const OPTIONS: ControllerOptions<'_> = ControllerOptions {
+    limits: &[WrenchLimits::of_force(10.0)],
+    tour_seconds: 5.0,
+};
 
 fn model() -> Vec<u8> {
     let mesh = generate(Shape::Relief, 30_000, 1);
@@ -47,7 +51,7 @@ fn the_recorded_inputs_give_every_tick_again() {
     assert!(summary.last.resubscribed > 1, "the link lost something");
 
     let identity = ClientOptions::default().identity;
-    let controller = Controller::new(&plan, identity, 10.0, 5.0);
+    let controller = Controller::new(&plan, identity, OPTIONS);
     // The chunks are cut at another place than in the run: a ring's wrap must not matter.
     let mut playback = Playback::new(&recording, controller).wrapped();
     for tick in 0..TICKS {
@@ -62,8 +66,8 @@ fn the_hash_covers_the_requests() {
     let of_client = |client: u64| {
         let mut identity = ClientOptions::default().identity;
         identity.client = client;
-        let mut controller = Controller::new(&plan, identity, 10.0, 5.0);
-        let mut outputs = TickOutputs::new(1);
+        let mut controller = Controller::new(&plan, identity, OPTIONS);
+        let mut outputs = controller.new_outputs();
         let inputs = TickInputs {
             tick: 0,
             samples: &[None],

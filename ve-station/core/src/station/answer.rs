@@ -27,7 +27,7 @@ pub enum Job {
         ask: Option<RegionAsk>,
         refusal: Refusal,
     },
-    /// Head and base mesh.
+    /// Head and base mesh, from a slot on.
     Model { model: usize, next_slot: usize },
     /// Quartered faces from this place on, as many as a chunk holds.
     Quarters { model: usize, first: usize },
@@ -42,14 +42,6 @@ pub enum Job {
 }
 
 impl Job {
-    /// The question for a model.
-    pub fn model(model: usize) -> Self {
-        Self::Model {
-            model,
-            next_slot: 0,
-        }
-    }
-
     /// Whether it is the question for this region.
     pub fn is_of(&self, region: RegionAt) -> bool {
         matches!(self, Self::Region { ask, .. } if region_at(ask) == region)
@@ -428,13 +420,17 @@ fn quarters_chunk<D: AsRef<[u8]>>(file: &SpmFile<D>, object: u32, first: usize) 
 }
 
 /// A chunk of the model's head and base mesh: slots are numbered through the answer, the head
-/// first, then base vertices, then base faces from a fresh slot.
+/// first, then base vertices, then base faces from a fresh slot. A client that says it has all of
+/// them, or more, means another model: it gets this one from its start.
 fn model_chunk<D: AsRef<[u8]>>(file: &SpmFile<D>, object: u32, next_slot: &mut usize) -> Chunk {
     let (mut header, mut slots) = blank(ChunkKind::Model, object);
     let head: ModelHeader = file.model_header();
     let (vertices, faces) = (file.base_vertices(), file.base_faces());
     let first_face_slot = MODEL_HEADER_SLOTS + vertices.len().div_ceil(VERTICES_PER_SLOT);
     let end = first_face_slot + faces.len().div_ceil(FACES_PER_SLOT);
+    if *next_slot >= end {
+        *next_slot = 0;
+    }
     header.code = *next_slot as u32;
     for slot in &mut slots {
         let at = *next_slot;

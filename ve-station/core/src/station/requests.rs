@@ -58,7 +58,10 @@ impl<D: AsRef<[u8]>> Station<D> {
         let was_asked = self.sessions[at].is_asked();
         match kind {
             RequestKind::Credit | RequestKind::File => {}
-            RequestKind::Model => self.ask_model(at, request, Job::model),
+            RequestKind::Model => {
+                let next_slot = request.count as usize;
+                self.ask_model(at, request, |model| Job::Model { model, next_slot });
+            }
             RequestKind::Tour => self.ask_tour(at, request),
             RequestKind::Quarters => {
                 let first = request.count as usize;

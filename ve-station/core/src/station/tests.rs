@@ -142,6 +142,37 @@ fn a_model_arrives_as_it_lies_in_the_file() {
     assert_eq!(items, head.base_vertices + head.base_faces);
 }
 
+/// After a loss a client says how many slots it has.
+#[test]
+fn a_model_goes_on_from_where_its_client_is() {
+    let (mut server, mut client) = (station(9), Client::new(1));
+    let mut slots_from = |from: u32| {
+        let request = Request {
+            count: from,
+            ..client.request(RequestKind::Model)
+        };
+        let chunks = ask(&mut server, &mut client, request);
+        let (last, first) = (chunks[chunks.len() - 1].0.last, chunks[0].0.code);
+        assert_eq!(last, 1, "from {from}");
+        let slots: Vec<_> = chunks.into_iter().flat_map(|(_, slots)| slots).collect();
+        (first, slots)
+    };
+    let (first, whole) = slots_from(0);
+    assert_eq!(first, 0);
+    let file = open();
+    let vertices = file.base_vertices().len().div_ceil(4);
+    let end = MODEL_HEADER_SLOTS + vertices + file.base_faces().len().div_ceil(2);
+    for from in [1, MODEL_HEADER_SLOTS, end / 3, end / 2, end - 1] {
+        let (first, rest) = slots_from(from as u32);
+        assert_eq!(first as usize, from);
+        assert_eq!(rest[..end - from], whole[from..end], "from {from}");
+    }
+    // Whoever has more than there is has another model.
+    for from in [end as u32, end as u32 + 1, u32::MAX] {
+        assert_eq!(slots_from(from), (0, whole.clone()), "from {from}");
+    }
+}
+
 #[test]
 fn quartered_faces_arrive_chunk_by_chunk_as_they_lie_in_the_file() {
     let (mut server, mut client, file) = (station(9), Client::new(1), open());

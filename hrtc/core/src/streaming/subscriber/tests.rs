@@ -1,0 +1,51 @@
+//! What looks at predicted regions cost.
+
+use super::*;
+use crate::streaming::link_meter::Sent;
+use bytemuck::Zeroable;
+
+/// Of a thin line on which chunks wait: each takes 40 periods.
+fn busy() -> LinkMeter {
+    let mut meter = LinkMeter::new(&Horizons::new(1000.0));
+    for k in 0..200u64 {
+        meter.answered(30, k);
+        let mut header = ChunkHeader::zeroed();
+        header.station = 1;
+        header.sent_us = 1000 * (1000 + k.saturating_sub(3) * 40) as u32;
+        meter.arrive(1, Some([Sent::of(&header); 2]), 1100 + k * 40);
+        meter.leave(0);
+    }
+    meter
+}
+
+#[test]
+fn what_is_looked_at_in_vain_is_counted_too() {
+    const REGIONS: u32 = 100;
+    let identity = Identity {
+        client: 7,
+        incarnation: 8,
+    };
+    let mut subscriber = Subscriber::new(identity, &Horizons::new(1000.0));
+    let (mut cache, meter) = (Cache::new(1 << 20), busy());
+    let first = 10_000;
+    subscriber.observe(1, first, &meter, &mut cache);
+    subscriber.model_is(5);
+    let mut entries = u32::MAX;
+    cache.go_on_unloading(&mut entries);
+    let mut outbox = Outbox::new(2);
+    for tick in first..first + 3 {
+        outbox.clear();
+        outbox.begin_session(0);
+        // The hand has left all of them in 50 ticks; an answer takes 70.
+        let wanted = (0..REGIONS).map(|k| Unknown {
+            key: RegionKey::prefix(k),
+            due: tick as f64,
+            leaves: tick as f64 + 50.0,
+            is_needed: true,
+            predicted: tick,
+        });
+        subscriber.requests(tick, &mut cache, wanted, &meter, &mut outbox);
+        assert!(outbox.requests().is_empty(), "all would come late");
+        assert_eq!(outbox.looked_at(), REGIONS);
+    }
+}
