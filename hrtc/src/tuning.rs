@@ -7,11 +7,13 @@ use std::time::Duration;
 /// Chunks between link and tick: the largest credit window of the protocol, so that the link finds
 /// room for everything that the station may send.
 pub const INBOX_CAPACITY: usize = MAX_CREDIT_CHUNKS as usize;
-/// Tick records between tick and main thread: at 1 kHz those of about a second, a hundred times
-/// [`DRAIN_PERIOD`], at 4 kHz those of a quarter. The main thread of a recorded run has the
-/// recorder's precedence ([`RECORDER_NICE`]), since what finds no room here the recording lacks.
-/// Locked memory commits them all.
-pub const LOG_CAPACITY: usize = 1024;
+/// Tick records between tick and main thread at 1 kHz: those of half a second, fifty times
+/// [`DRAIN_PERIOD`]. The main thread of a recorded run has the recorder's precedence
+/// ([`RECORDER_NICE`]), since what finds no room here the recording lacks: beside a hundred busy
+/// threads on its core it waits 0.3 s for its turn. Locked memory commits them all, 2 KiB each.
+pub const LOG_CAPACITY: usize = 512;
+/// The same at the most: at 4 kHz those of a quarter of a second.
+pub const MAX_LOG_CAPACITY: usize = 1024;
 /// Requests, and contact reports, between tick and link: many times the few of one tick; the link
 /// empties them every [`LINK_POLL_PERIOD`].
 pub const OUT_CAPACITY: usize = 64;
@@ -35,8 +37,13 @@ pub const LINK_STACK_BYTES: usize = if cfg!(debug_assertions) {
 /// Locked memory commits it whole.
 pub const WATCHDOG_STACK_BYTES: usize = 128 << 10;
 
-/// Stack of a thread that hears requests to end, bytes: it sets flags only.
-pub const SIGNALS_STACK_BYTES: usize = 128 << 10;
+/// Stack of a thread that hears requests to end, bytes: it sets flags only. Locked memory commits
+/// it whole.
+pub const SIGNALS_STACK_BYTES: usize = if cfg!(debug_assertions) {
+    128 << 10
+} else {
+    32 << 10
+};
 
 /// Time between two looks of the main thread at the log, and of another at requests to end.
 pub const DRAIN_PERIOD: Duration = Duration::from_millis(10);
@@ -46,8 +53,11 @@ pub const STATUS_PERIOD_NS: u64 = 200_000_000;
 pub const STATION_ABSENT_NS: u64 = 1_500_000_000;
 /// Shortest and longest run, seconds: a hundred ticks of 1 kHz, and the longest tour.
 pub const RUN_SECONDS: std::ops::RangeInclusive<f64> = 0.1..=protocol::LONGEST_TOUR_S;
-/// Length of a tour when the run has no end of its own, seconds.
-pub const TOUR_SECONDS: f64 = 600.0;
+/// Length of the longest tour of a run that names none, seconds: a longer run leads the hand back
+/// and forth along it. Locked memory holds its points, 12.5 KiB for each second.
+pub const MAX_TOUR_SECONDS: f64 = 600.0;
+/// The same of a run without an end of its own.
+pub const TOUR_SECONDS: f64 = 60.0;
 
 /// Validity of a wrench from its write, ns.
 pub const COMMAND_VALIDITY_NS: u64 = (COMMAND_VALIDITY_S * 1e9) as u64;
@@ -126,8 +136,13 @@ pub const RECORDER_NICE: i32 = -10;
 pub const RECORDER_STACK_BYTES: usize = TICK_STACK_BYTES;
 /// Stack for reading a keyframe, bytes: several times the 2 MiB that a debug build overflows.
 pub const KEYFRAME_STACK_BYTES: usize = 16 << 20;
-/// Stack of the thread that writes the recording's files, bytes.
-pub const DISK_STACK_BYTES: usize = 256 << 10;
+/// Stack of the thread that writes the recording's files, bytes: it looks through folders and hands
+/// bytes to the system. Locked memory commits it whole.
+pub const DISK_STACK_BYTES: usize = if cfg!(debug_assertions) {
+    256 << 10
+} else {
+    64 << 10
+};
 /// Ticks between two messages of the slow channels for people: 100 a second at 1 kHz, more than a
 /// plot shows.
 pub const SHOWN_EVERY: u64 = 10;
@@ -159,8 +174,14 @@ pub const RECORDING_TIMEOUT: Duration = Duration::from_secs(5);
 /// Time before a fault that is kept in a file of its own, ns.
 pub const BLACK_BOX_NS: u64 = 10_000_000_000;
 
-/// Time for which the costs of the counted work are measured before the first tick, ns.
+/// Processor time for which the costs of the counted work are measured before the first tick, ns.
 pub const CALIBRATION_NS: u64 = 50_000_000;
+/// Wall time after which the measurement ends all the same, ns: where nine other programs share the
+/// core, it has had its processor time.
+pub const CALIBRATION_WALL_NS: u64 = 500_000_000;
+/// Wall time of a tick that is measured, at the most, as a part of its processor time: what is more
+/// was another program's, or another machine's on the same processor.
+pub const CALIBRATION_OWN: f64 = 1.1;
 /// Ticks of touch whose times are summed up to one measurement.
 pub const CALIBRATION_BLOCK: usize = 16;
 /// Bytes that are read between two of them: more than the second cache of a core holds.

@@ -3,6 +3,10 @@
 //! Each right is asked for separately. A refused one is returned as a [`MissingRight`], whose
 //! message names the remedy. The caller reports it, or ends where real time is required.
 
+mod memory;
+
+pub use memory::{keep_heap_small, lock_memory};
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::marker::PhantomData;
@@ -187,75 +191,6 @@ pub fn usable_cores() -> Vec<usize> {
     });
     let tried = tried.ok().and_then(|thread| thread.join().ok());
     tried.unwrap_or_default()
-}
-
-/// Makes all memory resident that the process has now, and keeps it so: whole stacks, tables that
-/// nothing has touched yet, the program. What a real-time thread uses is to be there before. Memory
-/// that comes later is kept as it is touched, but only where the system sets no limit: where it
-/// does, memory beyond the limit would be refused, and a program that is refused memory aborts.
-///
-/// # Errors
-/// When the limit of locked memory is too low for what is there now.
-pub fn lock_memory() -> Result<(), MissingRight> {
-    // SAFETY: takes no pointers.
-    if unsafe { libc::mlockall(libc::MCL_CURRENT) } != 0 {
-        return Err(Right::LockedMemory.refused());
-    }
-    if locks_without_limit() {
-        // Without MCL_CURRENT what is there stays as it is. A kernel before 4.4 refuses, and keeps
-        // what is there now all the same.
-        // SAFETY: takes no pointers.
-        unsafe { libc::mlockall(libc::MCL_FUTURE | libc::MCL_ONFAULT) };
-    }
-    Ok(())
-}
-
-/// Whether no limit of locked memory holds for this process. The kernel is asked, with addresses
-/// beyond the limit: in a container a process may have a capability in name only.
-fn locks_without_limit() -> bool {
-    let mut limit = libc::rlimit {
-        rlim_cur: 0,
-        rlim_max: 0,
-    };
-    // SAFETY: the struct lives through the call.
-    if unsafe { libc::getrlimit(libc::RLIMIT_MEMLOCK, &raw mut limit) } != 0 {
-        return false;
-    }
-    if limit.rlim_cur == libc::RLIM_INFINITY {
-        return true;
-    }
-    let beyond = usize::try_from(limit.rlim_cur).ok();
-    let Some(beyond) = beyond.and_then(|limit| limit.checked_add(1 << 16)) else {
-        return false;
-    };
-    let flags = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE;
-    // SAFETY: a mapping of its own, which nothing else knows; it is gone before the end, and none
-    // of its pages is ever there.
-    unsafe {
-        let nowhere = std::ptr::null_mut();
-        let addresses = libc::mmap(nowhere, beyond, libc::PROT_READ, flags, -1, 0);
-        if addresses == libc::MAP_FAILED {
-            return false;
-        }
-        let code = libc::mlock2(addresses, beyond, libc::MLOCK_ONFAULT);
-        libc::munmap(addresses, beyond);
-        code == 0
-    }
-}
-
-/// Keeps the allocator's memory small, for the whole process, since [`lock_memory`] makes all of it
-/// resident: large memory goes back to the system as soon as it is freed, and threads share one
-/// heap. Each would otherwise reserve 64 MiB of addresses, which count as locked where the system
-/// limits that. Before the first thread starts: one that has a heap of its own keeps it.
-pub fn keep_heap_small() {
-    // Other libraries of C do so by themselves.
-    #[cfg(target_env = "gnu")]
-    // SAFETY: takes no pointers.
-    unsafe {
-        // Its own first value: setting it keeps it from growing.
-        libc::mallopt(libc::M_MMAP_THRESHOLD, 128 * 1024);
-        libc::mallopt(libc::M_ARENA_MAX, 1);
-    }
 }
 
 /// Keeps the processors out of deep sleep for as long as it lives.

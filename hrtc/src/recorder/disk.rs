@@ -1,8 +1,10 @@
 //! The thread that writes a recording's files, so that a disk that stalls holds up nothing else.
 
 use super::RecordingError;
+use super::reader::RecordingReader;
 use crate::tuning::{DISK_STACK_BYTES, RECORDING_JOBS, RECORDING_QUEUE_BYTES, RECORDING_TIMEOUT};
 use std::collections::VecDeque;
+use std::ffi::OsStr;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -50,6 +52,34 @@ impl RecordingPlace {
             name.push(extension);
         }
         self.first.with_file_name(name)
+    }
+
+    /// Removes the later files of an earlier run of the same name: beside those of this one they
+    /// would be taken for its own. What a running process holds stays, and what is no later file of
+    /// a run by its own word.
+    fn remove_later_files(&self) {
+        let folder = self.first.parent().filter(|of| !of.as_os_str().is_empty());
+        let entries = std::fs::read_dir(folder.unwrap_or(Path::new(".")));
+        for entry in entries.into_iter().flatten().flatten() {
+            let is_file = entry.file_type().is_ok_and(|of| of.is_file());
+            let is_named = is_file && self.number_of(&entry.file_name()).is_some();
+            if is_named && is_free(&entry.path()) && is_later_file(&entry.path()) {
+                remove(&entry.path());
+            }
+        }
+    }
+
+    /// Number of a later file of the run, by its name.
+    fn number_of(&self, name: &OsStr) -> Option<u32> {
+        let stem = self.first.file_stem()?.as_encoded_bytes();
+        let rest = name.as_encoded_bytes().strip_prefix(stem)?;
+        let digits = rest.strip_prefix(b"-")?;
+        let end = digits.iter().position(|of| !of.is_ascii_digit());
+        let (digits, _) = digits.split_at(end.unwrap_or(digits.len()));
+        let number: u32 = std::str::from_utf8(digits).ok()?.parse().ok()?;
+        // Its own path only: no other number of digits, nor another extension.
+        let is_later = number > 0 && self.path(number).file_name() == Some(name);
+        is_later.then_some(number)
     }
 }
 
@@ -107,6 +137,9 @@ impl Disk {
         files
             .begin(0)
             .map_err(|e| RecordingError::File(first.display().to_string(), e))?;
+        if !files.place.owns_folder {
+            files.place.remove_later_files();
+        }
         std::thread::Builder::new()
             .name("hrtc-disk".to_owned())
             .stack_size(DISK_STACK_BYTES)
@@ -327,6 +360,18 @@ fn is_held(locked: &Result<(), TryLockError>) -> bool {
     }
 }
 
+/// Whether a recording says that it is a file behind the first one of a run.
+fn is_later_file(path: &Path) -> bool {
+    RecordingReader::open(path).is_ok_and(|reader| reader.head().segment > 0)
+}
+
+/// Whether no running process holds a file that can be opened.
+fn is_free(path: &Path) -> bool {
+    // Over NFS only what is open for writing is locked alone.
+    let opened = OpenOptions::new().read(true).write(true).open(path);
+    opened.is_ok_and(|file| !is_held(&file.try_lock()))
+}
+
 /// Recordings beside this one that no running process holds, the oldest first.
 fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
     let Some(folder) = first.parent() else {
@@ -345,10 +390,7 @@ fn earlier_runs(first: &Path) -> io::Result<VecDeque<(PathBuf, u64)>> {
         if !is_recording || !metadata.is_file() {
             continue;
         }
-        let is_free = |file: File| !is_held(&file.try_lock());
-        // Over NFS only what is open for writing is locked alone.
-        let opened = OpenOptions::new().read(true).write(true).open(&path);
-        if opened.is_ok_and(is_free) {
+        if is_free(&path) {
             found.push((
                 metadata.modified().unwrap_or(UNIX_EPOCH),
                 path,

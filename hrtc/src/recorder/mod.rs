@@ -261,8 +261,8 @@ impl Recorder {
     /// Ends the recording; the files that are kept, the oldest first. `fault` is what ended the
     /// run, when that was not its time or a request.
     #[must_use]
-    pub fn finish(mut self, fault: Option<&str>) -> Vec<PathBuf> {
-        let ending = match fault {
+    pub fn finish(self, fault: Option<&str>) -> Vec<PathBuf> {
+        self.end(match fault {
             Some(fault) => Ending {
                 level: Level::Fatal,
                 sentence: format!("the run ended by a fault: {fault}"),
@@ -271,7 +271,20 @@ impl Recorder {
                 level: Level::Info,
                 sentence: "the run ended".to_owned(),
             },
-        };
+        })
+    }
+
+    /// Ends the recording of a run that ended early, for a reason that is no fault, such as a
+    /// request to switch off; the files that are kept, the oldest first.
+    #[must_use]
+    pub fn finish_early(self, reason: &str) -> Vec<PathBuf> {
+        self.end(Ending {
+            level: Level::Warning,
+            sentence: format!("the run ended early: {reason}"),
+        })
+    }
+
+    fn end(mut self, ending: Ending) -> Vec<PathBuf> {
         let _ = self.ending.set(ending);
         let thread = self.thread.take().map(JoinHandle::join);
         thread.and_then(Result::ok).unwrap_or_default()

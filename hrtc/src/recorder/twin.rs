@@ -54,7 +54,7 @@ impl Twin {
     pub fn new(mut controller: Box<Controller>) -> Self {
         controller.drop_tour_points();
         Self {
-            outputs: TickOutputs::new(controller.probes()),
+            outputs: controller.new_outputs(),
             controller,
             waiting: Vec::new(),
             consumed: 0,

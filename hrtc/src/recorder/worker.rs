@@ -17,6 +17,7 @@ use hrtc_core::streaming::chunk::InboxChunk;
 use protocol::{ContactReport, Request};
 use realtime::rights::monotonic_ns;
 use rtrb::Consumer;
+use scene::ScenePlan;
 use scene_files::KeptFiles;
 use std::path::PathBuf;
 use std::sync::atomic::Ordering;
@@ -73,7 +74,10 @@ pub(super) struct Worker {
     disk: Disk,
     /// `None` while nothing can be written.
     encoder: Option<Encoder>,
-    /// `None` once an input was lost, and while it is late: no keyframes.
+    /// What the twin is made of when it is needed first. The process has locked its memory by then:
+    /// what comes later takes memory only as far as it is touched.
+    twin_plan: Option<ScenePlan>,
+    /// `None` before the first tick, once an input was lost, and while it is late: no keyframes.
     twin: Option<Twin>,
     /// The twin while it is late.
     late: Option<LateTwin>,
@@ -120,8 +124,8 @@ impl Worker {
             let needed = RecordingPlace::keep_for(2 * kept as u64) >> 20;
             return Err(RecordingError::Room(needed));
         }
-        let controller = head.controller(&files)?;
-        let probes = controller.probes();
+        let plan = head.plan(&files)?;
+        let probes = plan.probes.len();
         Ok(Self {
             sources,
             probes,
@@ -130,7 +134,8 @@ impl Worker {
             place,
             head,
             files,
-            twin: Some(Twin::new(controller)),
+            twin_plan: Some(plan),
+            twin: None,
             late: None,
             written: 0,
             pending_tick: 0,
@@ -183,8 +188,17 @@ impl Worker {
         }
     }
 
+    /// Makes the twin when it is needed first.
+    fn make_twin(&mut self) {
+        if let Some(mut plan) = self.twin_plan.take() {
+            let controller = Box::new(self.head.setup.controller(&mut plan));
+            self.twin = Some(Twin::new(controller));
+        }
+    }
+
     /// Takes a tick with all that belongs to it.
     fn tick(&mut self, record: &TickRecord) -> Result<(), RecordingError> {
+        self.make_twin();
         let expected = self.next_tick + u64::from(record.skipped);
         if record.tick != expected {
             let last = record.tick.saturating_sub(1 + u64::from(record.skipped));
@@ -443,6 +457,8 @@ impl Worker {
 
     /// Begins the next file with a keyframe.
     fn begin(&mut self) -> Result<(), RecordingError> {
+        // Where the disk refused the first file before the first tick.
+        self.make_twin();
         self.head.segment += 1;
         if !self.disk.begin(self.head.segment, self.next_tick) {
             self.stop("the disk is slow".to_owned());

@@ -1,4 +1,4 @@
-//! Accumulation of a run's ticks in tables of fixed size.
+//! Accumulation of a run's ticks in tables of bounded size.
 
 use super::fixed::Fixed;
 use super::governor::GovernorStats;

@@ -1,12 +1,15 @@
-//! Histograms of fixed size.
+//! Histograms of bounded size.
 
 use super::{Buckets, MedianMax, ShortSpread, Spread};
 use hdrhistogram::Histogram;
 
-/// A histogram with a fixed range, three significant digits and an exact maximum. Counts of 32 bits
-/// suffice for 49 days at 1 kHz; 64 bits would double the locked memory.
+/// A histogram with a fixed range, three significant digits and an exact maximum. It has counts up
+/// to the largest value so far: those of the whole range, which no sound run needs, would be twice
+/// as many. Counts of 32 bits suffice for 49 days at 1 kHz; 64 bits would double the locked memory.
 pub(super) struct Fixed {
     histogram: Histogram<u32>,
+    /// The largest count that is told from others.
+    most: u64,
     /// Histogram counts a unit of the quantity.
     scale: f64,
     /// Largest value, in the unit of the quantity.
@@ -18,14 +21,13 @@ pub(super) struct Fixed {
 impl Fixed {
     /// For a quantity counted in steps of 1 / `scale`, up to 2^`bits` steps.
     pub(super) fn new(scale: f64, bits: u32) -> Option<Self> {
-        Histogram::new_with_bounds(1, 1 << bits, 3)
-            .ok()
-            .map(|histogram| Self {
-                histogram,
-                scale,
-                max: 0.0,
-                is_finite: true,
-            })
+        Histogram::new(3).ok().map(|histogram| Self {
+            histogram,
+            most: 1 << bits,
+            scale,
+            max: 0.0,
+            is_finite: true,
+        })
     }
 
     pub(super) fn push(&mut self, value: f64) {
@@ -35,9 +37,10 @@ impl Fixed {
         }
         let value = value.max(0.0);
         self.max = self.max.max(value);
-        // `as` saturates; so does the histogram at its upper bound.
-        self.histogram
-            .saturating_record((value * self.scale).round() as u64);
+        // `as` saturates too.
+        let counted = ((value * self.scale).round() as u64).min(self.most);
+        // Below its bound the histogram grows for every value.
+        let _ = self.histogram.record(counted);
     }
 
     pub(super) fn quantile(&self, q: f64) -> f64 {
@@ -68,7 +71,7 @@ impl Fixed {
 
     /// The sum of two tables.
     pub(super) fn together(mut self, other: Self) -> Self {
-        // Both have the same range, so every count finds its place.
+        // It grows, so every count finds its place.
         let _ = self.histogram.add(&other.histogram);
         self.max = self.max.max(other.max);
         self.is_finite &= other.is_finite;
@@ -80,5 +83,40 @@ impl Fixed {
             .iter_recorded()
             .map(|step| (step.value_iterated_to(), u64::from(step.count_at_value())))
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_table_grows_with_its_values_and_ends_with_its_range() {
+        let mut table = Fixed::new(1.0, 32).expect("a table");
+        table.push(1000.0);
+        assert!(table.histogram.distinct_values() <= 4096);
+        assert_eq!(table.quantile(0.5), 1000.0);
+        for _ in 0..9 {
+            table.push(1e30);
+        }
+        assert!(table.histogram.distinct_values() <= 32 * 1024);
+        let bound = 2f64.powi(32);
+        assert!((table.quantile(0.9) - bound).abs() < 1e-3 * bound);
+        assert_eq!(table.spread().max, 1e30);
+    }
+
+    #[test]
+    fn tables_that_grew_differently_are_added_up() {
+        let of = |value: f64| {
+            let mut table = Fixed::new(1.0, 32).expect("a table");
+            table.push(value);
+            table
+        };
+        for [a, b] in [[10.0, 5e8], [5e8, 10.0]] {
+            let both = of(a).together(of(b));
+            assert_eq!(both.quantile(0.5), 10.0);
+            assert_eq!(both.spread().max, 5e8);
+            assert_eq!(both.buckets().iter().map(|of| of.1).sum::<u64>(), 2);
+        }
     }
 }

@@ -302,7 +302,7 @@ pub struct RunResult {
     /// account or limits.
     #[serde(default)]
     pub force_withheld: ShortSpread,
-    /// Most force that was allowed, newtons: by the scene, the device and the command line.
+    /// Most force that was allowed, newtons: by the scene, the strongest device, the command line.
     pub force_limit_n: f64,
     /// Largest change of the force between two ticks, newtons.
     pub force_step_n_max: f64,

@@ -11,8 +11,8 @@
 //! | the caller's | log, messages, result |
 //!
 //! The threads meet in bounded rings. First everything is made that a tick uses, then the memory of
-//! the process is made resident. Link, figures and status start after that: theirs takes what they
-//! touch.
+//! the process is made resident. Link, figures, status and the recording's twin start after that:
+//! theirs takes what they touch.
 
 mod drivers;
 mod loaded_scene;
@@ -36,8 +36,8 @@ use crate::result::Accumulator;
 use crate::setup::{ControllerSetup, ForceLimits};
 use crate::tick_record::TickRecord;
 use crate::tuning::{
-    DRAIN_PERIOD, INBOX_CAPACITY, LOG_CAPACITY, OUT_CAPACITY, SIGNALS_STACK_BYTES,
-    TICK_STACK_BYTES, TOUR_SECONDS, WATCHDOG_STACK_BYTES,
+    DRAIN_PERIOD, INBOX_CAPACITY, LOG_CAPACITY, MAX_LOG_CAPACITY, MAX_TOUR_SECONDS, OUT_CAPACITY,
+    SIGNALS_STACK_BYTES, TICK_STACK_BYTES, TOUR_SECONDS, WATCHDOG_STACK_BYTES,
 };
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
@@ -59,9 +59,9 @@ use tick_thread::{TickRings, TickThread, TickThreadEnd};
 use transport::Domain;
 use watchdog::Watchdog;
 
-/// Bytes of the rings and stacks of tick, watchdog and signals: what a controller needs beside its
-/// cache, whatever the model. Its process holds more: the program itself, the link, the figures of
-/// the run, and where it is recorded a second controller. See
+/// Bytes of the rings and stacks of tick, watchdog and signals: what a controller of 1 kHz needs
+/// beside its cache, whatever the model. Its process holds more: the program itself, the link, the
+/// figures of the run, the points of a tour, and where it is recorded a second controller. See
 /// [`RunResult::hrtc_rss_bytes`](crate::result::RunResult::hrtc_rss_bytes).
 pub const FIXED_BYTES: usize = LOG_CAPACITY * size_of::<TickRecord>()
     + INBOX_CAPACITY * size_of::<InboxChunk>()
@@ -97,7 +97,9 @@ pub struct RunArgs {
     pub station: Option<String>,
     /// Length, seconds; until `stop` when absent.
     pub seconds: Option<f64>,
-    /// Length of a tour, seconds, after which the hand rests; that of the run when absent.
+    /// Length of a tour, seconds, after which the hand rests. When absent that of the run, where it
+    /// is no longer than [`MAX_TOUR_SECONDS`]; in a longer one the hand goes back and forth along
+    /// a tour of that length, and in one without an end along one of [`TOUR_SECONDS`].
     pub tour_seconds: Option<f64>,
     /// Values of the command line that replace the scene's.
     pub overrides: Overrides,
@@ -203,7 +205,7 @@ pub fn run_until(
     let domain = Domain::new(&args.domain)?;
     let mut scene = LoadedScene::new(args, &domain, stop.with_ramp)?;
     let _core = room::claim_core(&mut scene.plan.loop_, args.started_ns.is_some());
-    let devices = make_devices(devices, &scene)?;
+    let devices = make_devices(devices, &scene, args.tour_seconds.is_none())?;
     let mut setup = setup_for(args, &devices).within(args.limits);
     setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));
@@ -212,7 +214,7 @@ pub fn run_until(
 
     let shared = new_shared(plan);
     let (mut recording, taps) = RunRecording::start(args.record.as_deref(), &scene, &setup)?;
-    let (rings, endpoints, log) = rings(taps, &shared);
+    let (rings, endpoints, log) = rings(taps, &shared, plan.loop_.rate_hz);
     let watchdog = watch(&devices, &shared, plan)?;
     let tick = Ticking::spawn(TickThread {
         controller,
@@ -247,7 +249,7 @@ pub fn run_until(
     let ended = monitor.conclude(drained, end);
     stop_link(link);
     if let Some(recording) = recording {
-        recording.finish(ended.as_ref().err().map(ToString::to_string));
+        recording.finish(ended.as_ref().err());
     }
     ended
 }
@@ -290,7 +292,7 @@ fn hearing<T>(
             .name("hrtc-stop".to_string())
             .stack_size(SIGNALS_STACK_BYTES)
             .spawn_scoped(scope, hear)
-            .map_err(RunError::Thread)?;
+            .map_err(|error| RunError::Thread("hrtc-stop", error))?;
         // Also after a panic.
         let _over = SetWhenDropped(&is_over);
         Ok(drain())
@@ -328,7 +330,7 @@ impl Ticking {
             .name("hrtc-tick".to_string())
             .stack_size(TICK_STACK_BYTES)
             .spawn(move || tick.run(wait))
-            .map_err(RunError::Thread)?;
+            .map_err(|error| RunError::Thread("hrtc-tick", error))?;
         // An error: it panicked, which its end tells.
         let _ = is_ready.recv();
         Ok(Self {
@@ -374,19 +376,22 @@ fn watch(
 ) -> Result<Watchdog, RunError> {
     let stops = devices.iter().filter_map(|probe| probe.device.safe_stop());
     let shared = Arc::clone(shared);
-    Watchdog::spawn(stops.collect(), shared, plan.loop_.priority).map_err(RunError::Thread)
+    Watchdog::spawn(stops.collect(), shared, plan.loop_.priority)
+        .map_err(|error| RunError::Thread("hrtc-watchdog", error))
 }
 
+/// The devices of the probes; `turn_back`: whether hands turn back at the ends of their tours.
 fn make_devices(
     registry: &DeviceRegistry,
     scene: &LoadedScene,
+    turn_back: bool,
 ) -> Result<Vec<ProbeDevice>, RunError> {
     let plan = &scene.plan;
     let period_s = 1.0 / plan.loop_.rate_hz;
     let make = |(index, probe)| {
         let device = registry.make(&scene.path, index, probe, period_s)?;
         tracing::debug!(capabilities = ?device.capabilities(), "device of probe {index}");
-        Ok(ProbeDevice::new(device, probe))
+        Ok(ProbeDevice::new(device, probe).turning_back(turn_back))
     };
     plan.probes.iter().enumerate().map(make).collect()
 }
@@ -395,12 +400,13 @@ fn make_devices(
 fn rings(
     recorded: Option<Taps>,
     shared: &Shared,
+    rate_hz: f64,
 ) -> (TickRings, LinkEndpoints, Consumer<TickRecord>) {
     let (recorded_outputs, recorder) = recorded.map(|of| (of.outputs, of.chunks)).unzip();
     let (requests_in, requests) = RingBuffer::new(OUT_CAPACITY);
     let (contacts_in, contacts) = RingBuffer::new(OUT_CAPACITY);
     let (inbox, inbox_out) = RingBuffer::new(INBOX_CAPACITY);
-    let (log_in, log) = RingBuffer::new(LOG_CAPACITY);
+    let (log_in, log) = RingBuffer::new(log_capacity(rate_hz));
     let tick = TickRings {
         requests: requests_in,
         contacts: contacts_in,
@@ -420,6 +426,13 @@ fn rings(
     (tick, link, log)
 }
 
+/// Tick records between tick and main thread: those of half a second, as far as there may be as
+/// many.
+fn log_capacity(rate_hz: f64) -> usize {
+    let records = (1e-3 * rate_hz * LOG_CAPACITY as f64).ceil() as usize;
+    records.clamp(LOG_CAPACITY, MAX_LOG_CAPACITY)
+}
+
 fn link_options(args: &RunArgs, domain: Domain, setup: &ControllerSetup) -> LinkOptions {
     LinkOptions {
         domain,
@@ -437,12 +450,11 @@ fn stop_link(link: LinkHandle) {
 /// The values beside the scene that make the controller of a run.
 fn setup_for(args: &RunArgs, devices: &[ProbeDevice]) -> ControllerSetup {
     let capabilities = devices.iter().map(|probe| probe.device.capabilities());
-    let tour_seconds = args.tour_seconds.or(args.seconds);
-    let mut setup = ControllerSetup::new(
-        new_identity(),
-        capabilities,
-        tour_seconds.unwrap_or(TOUR_SECONDS),
-    );
+    let of_run = args
+        .seconds
+        .map_or(TOUR_SECONDS, |seconds| seconds.min(MAX_TOUR_SECONDS));
+    let tour_seconds = args.tour_seconds.unwrap_or(of_run);
+    let mut setup = ControllerSetup::new(new_identity(), capabilities, tour_seconds);
     setup.station_is_far = args.station.is_some();
     setup
 }
@@ -453,5 +465,40 @@ fn new_identity() -> Identity {
     Identity {
         client: incarnation,
         incarnation,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_log_bridges_the_same_time_at_any_rate_as_far_as_it_may() {
+        for (rate_hz, expected) in [(100.0, 512), (1000.0, 512), (1500.0, 768), (4000.0, 1024)] {
+            assert_eq!(log_capacity(rate_hz), expected, "{rate_hz}");
+        }
+    }
+
+    /// Locked memory holds them all.
+    #[test]
+    fn the_points_of_a_tour_are_bounded_however_long_the_run_is() {
+        let tour_of = |seconds, tour_seconds| {
+            let args = RunArgs {
+                seconds,
+                tour_seconds,
+                ..RunArgs::of_station("none")
+            };
+            setup_for(&args, &[]).tour_seconds
+        };
+        for (seconds, expected) in [
+            (Some(20.0), 20.0),
+            (Some(MAX_TOUR_SECONDS), MAX_TOUR_SECONDS),
+            (Some(20_000.0), MAX_TOUR_SECONDS),
+            (None, TOUR_SECONDS),
+        ] {
+            assert_eq!(tour_of(seconds, None), expected, "{seconds:?}");
+            // One that is named is as long as it says.
+            assert_eq!(tour_of(seconds, Some(700.0)), 700.0, "{seconds:?}");
+        }
     }
 }

@@ -47,9 +47,9 @@ pub enum RunError {
     /// The machine is too slow for the plan.
     #[error("{0}")]
     TooSlow(String),
-    /// The operating system gave no thread.
-    #[error("cannot start the thread of the tick: {0}")]
-    Thread(std::io::Error),
+    /// The operating system gave no thread of this name.
+    #[error("cannot start the thread {0}: {1}")]
+    Thread(&'static str, std::io::Error),
     /// The tick thread panicked: a defect of hrtc, or of a device's driver.
     #[error(
         "the thread of the tick ended by a defect in hrtc or in a device's driver ({0}); the force was ramped down and the devices are off; please report this sentence, with the black box where one is named"
@@ -74,6 +74,21 @@ pub enum RunError {
     /// Standard output cannot be written.
     #[error("cannot print the result: {0}")]
     Print(std::io::Error),
+}
+
+impl RunError {
+    /// Whether a defect or a damaged model ended the run, so that its last seconds are worth a file
+    /// of their own: not a request, a missing right, or what could not begin or be printed.
+    pub(super) fn is_fault(&self) -> bool {
+        matches!(
+            self,
+            Self::TickPanicked(_)
+                | Self::TickHangs
+                | Self::LinkEnded
+                | Self::Fault(_)
+                | Self::NonFinite(_)
+        )
+    }
 }
 
 /// Adds the figures that only the controller has: its level of detail, its capacities and the
@@ -217,6 +232,35 @@ mod tests {
         assert!(sentence.contains("(made on purpose (at tick.rs:1))"));
         // Nothing was printed before: a backtrace takes too long.
         assert!(!sentence.contains("above"), "{sentence}");
+    }
+
+    #[test]
+    fn only_what_nobody_wanted_leaves_a_black_box() {
+        for fault in [
+            RunError::TickPanicked("made on purpose".to_owned()),
+            RunError::TickHangs,
+            RunError::LinkEnded,
+            RunError::Fault(Fault::NoTour),
+            RunError::NonFinite("force_n".to_owned()),
+        ] {
+            assert!(fault.is_fault(), "{fault}");
+        }
+        for other in [
+            RunError::SwitchedOff,
+            RunError::Right("memory is not locked".to_owned()),
+            RunError::Print(std::io::ErrorKind::StorageFull.into()),
+            RunError::Thread("hrtc-status", std::io::ErrorKind::WouldBlock.into()),
+        ] {
+            assert!(!other.is_fault(), "{other}");
+        }
+    }
+
+    #[test]
+    fn a_thread_that_does_not_start_is_named() {
+        let missing = RunError::Thread("hrtc-watchdog", std::io::ErrorKind::WouldBlock.into());
+        let sentence = missing.to_string();
+        assert!(sentence.contains("hrtc-watchdog"), "{sentence}");
+        assert!(!sentence.contains("tick"), "{sentence}");
     }
 
     #[test]

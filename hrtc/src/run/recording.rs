@@ -2,6 +2,7 @@
 
 use super::KEEP_BYTES;
 use super::loaded_scene::LoadedScene;
+use super::outcome::RunError;
 use crate::message::note;
 use crate::recorder::{
     Recorder, RecordingError, RecordingHead, RecordingPlace, Taps, write_black_box,
@@ -93,11 +94,21 @@ impl RunRecording {
         self.recorder.capacities()
     }
 
-    /// Ends the recording; after a fault the last seconds are kept in a file of their own.
-    pub(super) fn finish(self, fault: Option<String>) {
-        let files = self.recorder.finish(fault.as_deref());
-        let Some(fault) = fault else { return };
-        match write_black_box(&files, &fault, &self.black_box) {
+    /// Ends the recording; after a fault, which is said first since that takes seconds, the last
+    /// seconds are kept in a file of their own.
+    pub(super) fn finish(self, ended_by: Option<&RunError>) {
+        let Some(error) = ended_by else {
+            let _ = self.recorder.finish(None);
+            return;
+        };
+        let sentence = error.to_string();
+        if !error.is_fault() {
+            let _ = self.recorder.finish_early(&sentence);
+            return;
+        }
+        note!("the run ended by a fault, its last seconds are being kept: {sentence}");
+        let files = self.recorder.finish(Some(&sentence));
+        match write_black_box(&files, &sentence, &self.black_box) {
             Ok(()) => note!(
                 "the last seconds before the fault are in {}",
                 self.black_box.display()

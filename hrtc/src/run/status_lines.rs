@@ -36,7 +36,7 @@ impl StatusLines {
             .name("hrtc-status".to_owned())
             .stack_size(STACK_BYTES)
             .spawn(write)
-            .map_err(RunError::Thread)?;
+            .map_err(|error| RunError::Thread("hrtc-status", error))?;
         Ok(Self {
             lines: Some(lines),
             thread: Some(thread),

@@ -4,6 +4,8 @@
 //! zero in a few periods without the core, then the devices are switched off. Whatever the way out,
 //! [`EndMark`] tells the main thread when the devices are off.
 
+mod quiet_panics;
+
 use super::drivers::Drivers;
 use super::probe_device::ProbeDevice;
 use super::shared::Shared;
@@ -12,7 +14,7 @@ use crate::recorder::OutputTap;
 use crate::tick_record::{STAGES, TickRecord};
 use crate::time_answers::{NotedAnswers, TimeAnswers};
 use crate::tuning::{
-    COMMAND_VALIDITY_NS, INBOX_CAPACITY, LOG_CAPACITY, MIN_PANIC_STEPS, OUT_CAPACITY, PANIC_RAMP_S,
+    COMMAND_VALIDITY_NS, INBOX_CAPACITY, MIN_PANIC_STEPS, OUT_CAPACITY, PANIC_RAMP_S,
 };
 use geometry::Wrench;
 use haptic_device::{Sample, TickTime, WrenchCommand};
@@ -20,6 +22,7 @@ use hrtc_core::governor::MeasuredTick;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::{Capacity, Controller, Stage, StageObserver, TickInputs, TickOutputs, Timed};
 use protocol::{ContactReport, Request};
+use quiet_panics::{QuietPanics, message};
 use realtime::counting_allocator;
 use realtime::pacer::{Pacer, Wake, Worked};
 use realtime::rights::{LatencyHold, monotonic_ns, obtain};
@@ -27,10 +30,9 @@ use realtime::slow_thread::SlowThread;
 use rtrb::{Consumer, Producer};
 use scene::{CacheTimetable, LoopPlan, MAX_PROBES};
 use std::any::Any;
-use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::Arc;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Once};
 
 /// The tick's ends of the rings.
 pub(super) struct TickRings {
@@ -154,6 +156,8 @@ struct Lasting {
     drivers: Drivers,
     /// What the last tick took; `None` before the first.
     measured: Option<MeasuredTick>,
+    /// Stamp of the faults that the main thread was told last.
+    faults_told: u64,
 }
 
 /// Tells the main thread that the tick thread has ended, by being dropped, also by a panic.
@@ -197,7 +201,7 @@ impl TickThread {
         let _quiet = QuietPanics::begin();
         let mut thread = self;
         let mut lasting = Lasting {
-            outputs: TickOutputs::new(thread.devices.len()),
+            outputs: thread.controller.new_outputs(),
             arrivals: Arrivals::default(),
             high_water: HighWater::default(),
             written: [Wrench::ZERO; MAX_PROBES],
@@ -205,6 +209,7 @@ impl TickThread {
             record_ns: 0,
             drivers: Drivers::new(thread.plan.rate_hz),
             measured: None,
+            faults_told: 0,
         };
         let _latency = thread.obtain_rights();
         if !may_begin() {
@@ -229,19 +234,19 @@ impl TickThread {
     }
 
     fn tick_until_stopped(&mut self, pacer: &mut Pacer, lasting: &mut Lasting) {
-        let last_tick = self
-            .seconds
-            .map(|seconds| (seconds * self.plan.rate_hz).ceil() as u64);
+        let ticks = |seconds: f64| (seconds * self.plan.rate_hz).ceil() as u64;
+        let last_tick = self.seconds.map(ticks);
         while !self.shared.off.load(Ordering::Acquire) {
             let wake = pacer.wait();
             self.shared.note_first(&wake, self.plan.rate_hz);
             let stopping = self.shared.stop.load(Ordering::Relaxed)
                 || last_tick.is_some_and(|last| wake.tick >= last);
             let ticked = self.tick(&wake, stopping, lasting);
+            // A part of the tick, so that its time is seen: it looks at every object.
+            self.report_faults(lasting);
             let worked = pacer.done();
             self.hand_over(&wake, &worked, &ticked, lasting);
             lasting.measured = Some(lasting.drivers.beside(&worked, lasting.record_ns));
-            self.report_faults();
             if stopping && self.controller.is_at_rest() {
                 break;
             }
@@ -450,31 +455,40 @@ impl TickThread {
         if self.rings.log.push(record).is_err() {
             self.shared.log_dropped.fetch_add(1, Ordering::Relaxed);
         }
-        let taken = monotonic_ns() - before;
+        lasting.record_ns = u32::try_from(monotonic_ns() - before).unwrap_or(u32::MAX);
         counting_allocator::arm(false);
-        lasting.record_ns = u32::try_from(taken).unwrap_or(u32::MAX);
-        let high_water = &mut lasting.high_water;
-        high_water.log = (LOG_CAPACITY - self.rings.log.slots()).max(high_water.log);
+        let log = &self.rings.log;
+        let used = log.buffer().capacity() - log.slots();
+        lasting.high_water.log = used.max(lasting.high_water.log);
     }
 
-    /// Tells the main thread of faults. Nothing waits for a lock.
-    fn report_faults(&self) {
+    /// Tells the main thread of faults when they have changed. Nothing waits for a lock: where one
+    /// is taken, they are told in the next tick.
+    fn report_faults(&self, lasting: &mut Lasting) {
+        let stamp = self.controller.faults_stamp();
+        if stamp == lasting.faults_told {
+            return;
+        }
+        let (Ok(mut told), Ok(mut fault)) = (
+            self.shared.object_faults.try_lock(),
+            self.shared.fault.try_lock(),
+        ) else {
+            return;
+        };
+        lasting.faults_told = stamp;
         if !self.controller.has_faults() {
             return;
         }
-        if let Ok(mut told) = self.shared.object_faults.try_lock() {
-            let room = told.capacity();
-            told.clear();
-            told.extend(self.controller.faults().take(room));
-        }
-        if let Some(found) = self.controller.fault()
-            && let Ok(mut fault) = self.shared.fault.try_lock()
-        {
+        let room = told.capacity();
+        told.clear();
+        told.extend(self.controller.faults().take(room));
+        if let Some(found) = self.controller.fault() {
             *fault = Some(found);
         }
     }
 
     fn end(self, high_water: &HighWater, panic: Option<String>) -> TickThreadEnd {
+        let log_room = self.rings.log.buffer().capacity();
         TickThreadEnd {
             work_budget: self.controller.work_budget(),
             query_budget: self.controller.query_budget(),
@@ -483,7 +497,7 @@ impl TickThread {
             rings: vec![
                 Capacity::new("chunks in the inbox", INBOX_CAPACITY, high_water.inbox),
                 Capacity::new("requests to the link", OUT_CAPACITY, high_water.requests),
-                Capacity::new("tick records for the log", LOG_CAPACITY, high_water.log),
+                Capacity::new("tick records for the log", log_room, high_water.log),
             ],
         }
     }
@@ -508,56 +522,6 @@ fn panic_steps(plan: &LoopPlan) -> u32 {
 /// Whether some work ended without a panic.
 fn survives(work: impl FnOnce()) -> bool {
     catch_unwind(AssertUnwindSafe(work)).is_ok()
-}
-
-thread_local! {
-    /// Whether panics of this thread are kept for [`message`] instead of being printed.
-    static IS_QUIET: Cell<bool> = const { Cell::new(false) };
-    /// Place of the last quiet panic in the code.
-    static PANICKED_AT: RefCell<Option<String>> = const { RefCell::new(None) };
-}
-
-/// Keeps panics of this thread from being printed as long as it lives: with a backtrace that takes
-/// longer than the wrenches are valid. The run's error tells message and place instead.
-struct QuietPanics;
-
-impl QuietPanics {
-    fn begin() -> Self {
-        static HOOK: Once = Once::new();
-        HOOK.call_once(|| {
-            let print = std::panic::take_hook();
-            std::panic::set_hook(Box::new(move |panic| {
-                if IS_QUIET.get() {
-                    PANICKED_AT.set(panic.location().map(ToString::to_string));
-                } else {
-                    print(panic);
-                }
-            }));
-        });
-        IS_QUIET.set(true);
-        Self
-    }
-}
-
-impl Drop for QuietPanics {
-    fn drop(&mut self) {
-        IS_QUIET.set(false);
-    }
-}
-
-/// The message of a panic and its place in the code.
-fn message(payload: Box<dyn Any + Send>) -> String {
-    let text = payload
-        .downcast_ref::<&str>()
-        .map(|text| (*text).to_owned());
-    let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
-    // Another payload's drop may panic again.
-    Box::leak(payload);
-    let text = text.unwrap_or_else(|| "a panic without a message".to_owned());
-    match PANICKED_AT.take() {
-        Some(place) => format!("{text} (at {place})"),
-        None => text,
-    }
 }
 
 /// The log's record of a tick.

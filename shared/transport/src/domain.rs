@@ -59,6 +59,9 @@ const MAX_RECORD_PORTS: usize = 4;
 pub const CARRIED_TOPICS: [&str; 4] = [HELLO_TOPIC, SUBSCRIBE_TOPIC, POSE_TOPIC, RECORDS_TOPICS];
 /// Largest number of samples that a subscriber borrows at the same time.
 const MAX_BORROWED: usize = 2;
+/// Publishers that are gone whose samples a subscriber may still read. Each takes some 4 KB of it,
+/// locked in memory; iceoryx2's default is 128.
+const MAX_PORTS_GONE: usize = 16;
 /// What fails where a topic of chunks cannot be opened.
 const OPEN_RECORDS: &str = "open a topic of records";
 /// Longest name of a domain, bytes.
@@ -226,6 +229,7 @@ impl Domain {
         topic.max_nodes = MAX_PORTS;
         topic.subscriber_max_buffer_size = MAX_QUEUED;
         topic.subscriber_max_borrowed_samples = MAX_BORROWED;
+        topic.subscriber_expired_connection_buffer = MAX_PORTS_GONE;
         topic.publisher_history_size = 0;
         topic.enable_safe_overflow = false;
         topic.backpressure_strategy = BackpressureStrategy::DiscardData;

@@ -239,7 +239,7 @@ fn a_request_that_found_no_room_is_told_and_keyframes_go_on() {
 /// A recording of two files, of which the first has one tick of a hundred; and the state between
 /// them.
 fn rotated(folder: &Path) -> (Vec<PathBuf>, Vec<u8>) {
-    let (head, files) = head_with(folder, &Overrides::default(), "4MiB");
+    let (head, files) = head_with(folder, &Overrides::default(), "16MiB");
     let run = ticks(&head, &files, 100);
     let (mut worker, mut queue) = worker_that_keeps(64 << 20, folder, head, files);
     // The first file is full.
@@ -331,6 +331,66 @@ fn a_file_that_ends_within_its_keyframe_opens_and_the_black_box_does_without() {
     write_black_box(&kept, "a test", &black_box).unwrap();
     let found = replay(&black_box).unwrap();
     assert!(found.equal && found.ticks == 1, "{found:?}");
+}
+
+/// As after a short run behind a long one: a pattern of its files would name both. What is no later
+/// file of a run is another's: one that was recorded by such a name, or no recording.
+#[test]
+fn a_name_that_is_used_again_leaves_no_later_files_of_the_run_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let (kept, _) = rotated(folder.path());
+    let named = |name: &str| folder.path().join(name);
+    for later in ["run-0027.mcap", "run-0028.mcap", "run-12345.mcap"] {
+        std::fs::copy(&kept[1], named(later)).unwrap();
+    }
+    let others = [
+        "run-27.mcap",
+        "run-0027.csv",
+        "run2-0027.mcap",
+        "run-fault.mcap",
+    ];
+    for other in others {
+        std::fs::copy(&kept[1], named(other)).unwrap();
+    }
+    std::fs::copy(&kept[0], named("run-0003.mcap")).unwrap();
+    std::fs::write(named("run-0005.mcap"), b"something else").unwrap();
+    // Another run has this one.
+    let held = File::open(named("run-0028.mcap")).unwrap();
+    held.lock_shared().unwrap();
+    let (head, files) = head(folder.path());
+    let (worker, _queue) = worker(folder.path(), head, files);
+    let (again, _) = finish(worker);
+    assert_eq!(again, [named("run.mcap")]);
+    let left = std::fs::read_dir(folder.path()).unwrap();
+    let left = left.map(|of| of.unwrap().file_name().into_string().unwrap());
+    let left: std::collections::BTreeSet<String> =
+        left.filter(|of| of.starts_with("run")).collect();
+    let expected = [
+        "run.mcap",
+        "run-0028.mcap",
+        "run-0003.mcap",
+        "run-0005.mcap",
+    ];
+    let expected = expected.iter().chain(&others).map(|of| (*of).to_owned());
+    assert_eq!(left, expected.collect());
+}
+
+/// What the process has when it locks its memory is resident as a whole, and that of the twin is
+/// as much as the cache. Later it is what the run has used, and so is its state in a keyframe.
+#[test]
+fn a_twin_is_made_at_the_first_tick_and_is_as_large_as_what_the_run_has_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let (head, files) = head_with(folder.path(), &Overrides::default(), "16MiB");
+    let run = ticks(&head, &files, 2);
+    let (mut worker, mut queue) = worker(folder.path(), head, files);
+    assert!(worker.twin.is_none() && worker.twin_plan.is_some());
+    take(&mut worker, &mut queue, &run[..1]);
+    assert!(worker.twin.is_some() && worker.twin_plan.is_none());
+    let bytes = worker.twin.as_ref().unwrap().state_bytes().unwrap();
+    assert!(bytes < 4 << 20, "{bytes}");
+    take(&mut worker, &mut queue, &run[1..]);
+    let (_, found) = finish(worker);
+    assert!(found[0].equal && found[0].ticks == 2, "{found:?}");
 }
 
 /// A tour of ten minutes has 120 000 points of 64 bytes.

@@ -3,6 +3,7 @@
 use super::*;
 use crate::run::watchdog::Watchdog;
 use crate::setup::ControllerSetup;
+use crate::tuning::LOG_CAPACITY;
 use geometry::Pose;
 use haptic_device::{Capabilities, Device, GuardedDevice, SafeStop};
 use hrtc_core::streaming::subscriber::Identity;
@@ -230,7 +231,7 @@ fn a_device_that_is_slow_to_switch_off_at_the_end_is_not_stopped() {
 #[test]
 fn a_full_ring_to_the_link_is_counted() {
     let (mut thread, _) = thread(0, 0);
-    let mut outputs = TickOutputs::new(1);
+    let mut outputs = thread.controller.new_outputs();
     outputs.reports.push(bytemuck::Zeroable::zeroed());
     for _ in 0..OUT_CAPACITY + 2 {
         thread.send(&outputs);
