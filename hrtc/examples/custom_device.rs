@@ -1,10 +1,18 @@
-//! A device of one's own in a run: a mass on a moving spring that taps on a ball. The station runs
-//! on a thread beside it. `cargo run --release -p hrtc --example custom_device`
+//! A device of one's own in the program `hrtc`: a mass on a moving spring that taps on a ball.
+//!
+//! ```text
+//! cargo run --release -p hrtc --example custom_device                     # three seconds
+//! cargo run --release -p hrtc --example custom_device -- run SCENE.toml   # all that hrtc can
+//! ```
+//!
+//! Without a command line it makes a scene, and runs its station on a thread beside itself.
 
 use glam::DVec3;
 use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, Wrench, WrenchCommand};
 use hrtc::devices::DeviceRegistry;
-use hrtc::run::{RunArgs, run_with};
+use std::error::Error;
+use std::ffi::OsStr;
+use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use ve_station::serve::{ServeArgs, serve};
 
@@ -70,12 +78,21 @@ impl Device for Tapper {
     }
 }
 
-fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let registry = DeviceRegistry::new().with("tapper", |request| {
+/// All that a program with a driver needs: command line, signals and their ramp, the link.
+fn main() -> Result<ExitCode, Box<dyn Error>> {
+    let devices = DeviceRegistry::new().with("tapper", |request| {
         let period_s = request.settings.get("period_s").and_then(|v| v.as_float());
         let period_s = period_s.ok_or("its settings need period_s = 0.5")?;
         Ok(Box::new(Tapper::new(period_s, request.period_s)))
     });
+    if std::env::args_os().len() > 1 {
+        return Ok(hrtc::cli::main(&devices));
+    }
+    tap_on_a_ball(&devices)
+}
+
+/// The program with a command line, a scene and a station of the example's own.
+fn tap_on_a_ball(devices: &DeviceRegistry) -> Result<ExitCode, Box<dyn Error>> {
     let domain = format!("custom-device-{}", std::process::id());
     let scene = std::env::temp_dir().join(&domain).with_extension("toml");
     std::fs::write(&scene, SCENE)?;
@@ -86,18 +103,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         view: None,
         json: false,
     };
-    let mut args = RunArgs::new(&scene, &domain);
-    args.seconds = Some(3.0);
+    let words = ["custom_device", "run", "--seconds", "3", "--domain"].map(OsStr::new);
+    let words = words
+        .into_iter()
+        .chain([OsStr::new(&domain), scene.as_os_str()]);
     let stop = AtomicBool::new(false);
-    let result = std::thread::scope(|scope| {
+    let status = std::thread::scope(|scope| {
         scope.spawn(|| serve(&served, &stop).map_err(|error| eprintln!("{error}")));
-        let result = run_with(&registry, &args, &AtomicBool::new(false));
+        let status = hrtc::cli::main_from(devices, words);
         stop.store(true, Ordering::Relaxed);
-        result
+        status
     });
     std::fs::remove_file(&scene)?;
     transport::Domain::new(&domain)?.remove_files();
-    Ok(result?)
+    Ok(status)
 }
 
 /// Run by `hrtc/tests/example.rs`.

@@ -4,6 +4,7 @@
 //!
 //! | module | contents |
 //! |---|---|
+//! | [`cli`] | the command line, signals and exit statuses of a program that ticks |
 //! | [`run`] | a run from start to result: threads, rings, messages |
 //! | [`devices`] | [`DeviceRegistry`](devices::DeviceRegistry): devices by the name in a scene |
 //! | [`setup`] | identity of a controller and limits of its devices |
@@ -18,14 +19,12 @@
 //! scene: see the page of `ve-station`.
 //!
 //! # Example
-//! Three seconds with a driver of one's own, named `fixed` in the scene. A contact needs a station
-//! in the same domain (`ve-station serve`).
+//! The program `hrtc` with a driver of one's own, which is named `fixed` in the scene or in a file
+//! of `--device`. A contact needs a station in the same domain (`ve-station serve`).
 //! ```no_run
 //! use haptic_device::{Capabilities, Device, Pose, Sample, TickTime, WrenchCommand};
 //! use hrtc::devices::DeviceRegistry;
-//! use hrtc::run::{RunArgs, RunError, run_with};
-//! use std::path::Path;
-//! use std::sync::atomic::AtomicBool;
+//! use std::process::ExitCode;
 //!
 //! /// A handle that is fixed 50 mm above the origin.
 //! struct Fixed;
@@ -42,14 +41,16 @@
 //!     fn safe_off(&mut self) {}
 //! }
 //!
-//! let devices = DeviceRegistry::new().with("fixed", |_request| Ok(Box::new(Fixed)));
-//! let mut args = RunArgs::new(Path::new("scene.toml"), "hrtc");
-//! args.seconds = Some(3.0);
-//! run_with(&devices, &args, &AtomicBool::new(false))?;
-//! # Ok::<(), RunError>(())
+//! fn main() -> ExitCode {
+//!     let devices = DeviceRegistry::new().with("fixed", |_request| Ok(Box::new(Fixed)));
+//!     hrtc::cli::main(&devices)
+//! }
 //! ```
+//! [`run::run_until`] is a run without a command line. Its caller has to hear the signals: one that
+//! ends the process under a force ends it without the ramp.
 
 pub mod calibration;
+pub mod cli;
 pub mod devices;
 pub mod fetch;
 pub mod link;
@@ -59,6 +60,7 @@ pub mod result;
 pub mod run;
 pub mod setup;
 mod station_heard;
+mod station_link;
 pub mod tick_record;
 pub mod time_answers;
 pub mod traffic;

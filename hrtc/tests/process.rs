@@ -26,6 +26,18 @@ impl Run {
 
     /// With a standard output and a standard error.
     fn start_into(outputs: [Stdio; 2], lines: &str, name: &str, arguments: &[&str]) -> Self {
+        let program = Command::new(env!("CARGO_BIN_EXE_hrtc"));
+        Self::start_by(program, outputs, lines, name, arguments)
+    }
+
+    /// By a program that becomes this one.
+    fn start_by(
+        mut program: Command,
+        outputs: [Stdio; 2],
+        lines: &str,
+        name: &str,
+        arguments: &[&str],
+    ) -> Self {
         let [output, errors] = outputs;
         let folder = tempfile::tempdir().unwrap();
         let scene = folder.path().join("alone.toml");
@@ -33,7 +45,7 @@ impl Run {
             format!("[[object]]\nmodel = \"none.spm\"\nsize_m = 0.1\n[loop]\n{lines}\n[[probe]]\n");
         std::fs::write(&scene, text).unwrap();
         let domain = format!("process-{name}-{}", std::process::id());
-        let child = Command::new(env!("CARGO_BIN_EXE_hrtc"))
+        let child = program
             .arg("run")
             .arg(&scene)
             .args(["--domain", &domain])
@@ -143,6 +155,21 @@ fn every_signal_ends_the_run_with_its_report() {
     }
 }
 
+#[test]
+fn a_run_under_nohup_outlives_its_terminal() {
+    let mut nohup = Command::new("nohup");
+    nohup.arg(env!("CARGO_BIN_EXE_hrtc"));
+    let outputs = [Stdio::piped(), Stdio::piped()];
+    let mut run = Run::start_by(nohup, outputs, "core = -1", "nohup", &["--json"]);
+    run.wait_for(TICKING);
+    run.signal("-HUP");
+    std::thread::sleep(std::time::Duration::from_secs(1));
+    assert!(run.child.try_wait().unwrap().is_none(), "it has ended");
+    run.signal("-INT");
+    let (status, _) = run.result();
+    assert_eq!(status.code(), Some(0), "{status}");
+}
+
 /// A pipe without room, as one that nobody reads, or a terminal that is paused.
 fn full_pipe() -> (PipeReader, PipeWriter) {
     let (unread, mut output) = std::io::pipe().unwrap();
@@ -162,15 +189,30 @@ fn a_signal_ends_the_force_where_nobody_reads_the_output() {
     drop(unread);
 }
 
-/// As `timeout` and supervisors send it. The end waits for a reader, so that all of them arrive.
 #[test]
 fn sigterm_may_come_as_often_as_it_likes() {
+    ends_with_its_result_by("-TERM", 4);
+}
+
+/// As `timeout -s INT` sends it to a process and to its group.
+#[test]
+fn one_press_of_ctrl_c_that_arrives_twice_keeps_ramp_and_result() {
+    ends_with_its_result_by("-INT", 2);
+}
+
+/// So many signals in a row. The end waits for a reader, so that all of them arrive.
+fn ends_with_its_result_by(signal: &str, times: usize) {
     let (mut unread, output) = full_pipe();
     let outputs = [output.into(), Stdio::piped()];
-    let mut run = Run::start_into(outputs, "core = -1", "again", &["--supervised"]);
+    let mut run = Run::start_into(
+        outputs,
+        "core = -1",
+        &format!("again{signal}"),
+        &["--supervised"],
+    );
     run.wait_until_it_ticks(true);
-    for _ in 0..4 {
-        run.signal("-TERM");
+    for _ in 0..times {
+        run.signal(signal);
         std::thread::sleep(std::time::Duration::from_millis(10));
     }
     run.wait_until_it_ticks(false);
@@ -316,7 +358,7 @@ fn a_closed_standard_output_ends_the_run_gently() {
     let mut run = Run::start("closed", &["--supervised"]);
     drop(run.child.stdout.take());
     run.wait_for("cannot print the result");
-    assert_eq!(run.child.wait().unwrap().code(), Some(2));
+    assert_eq!(run.child.wait().unwrap().code(), Some(1));
 }
 
 #[test]

@@ -55,14 +55,19 @@ pub struct Outcome {
     pub is_late: bool,
     /// Whether it ended before its time, on request.
     pub is_early: bool,
+    /// Why the run failed though there is a result of it: a panic of the tick, for example.
+    pub failure: Option<Failure>,
 }
 
 impl Outcome {
-    /// The run, for who measures it: one that was disturbed is no measure.
+    /// The run, for who measures it: one that failed or was disturbed is no measure.
     ///
     /// # Errors
-    /// With what disturbed it.
+    /// With why it failed, or what disturbed it.
     pub fn undisturbed(self) -> Result<Finished, Failure> {
+        if let Some(failure) = self.failure {
+            return Err(failure);
+        }
         if self.notes.is_empty() {
             return Ok(self.finished);
         }
@@ -81,11 +86,15 @@ impl Outcome {
         told.map(str::to_string).collect()
     }
 
-    /// Fails with the figures of which a value was not finite.
+    /// Fails with why the run did, or with the figures of which a value was not finite: there is a
+    /// result, but no report of it.
     ///
     /// # Errors
-    /// When there are some.
+    /// When it failed, or there are such figures.
     pub fn check_finite(&self) -> Result<(), Failure> {
+        if let Some(failure) = &self.failure {
+            return Err(failure.clone());
+        }
         match &self.finished.result.non_finite[..] {
             [] => Ok(()),
             names => Err(Failure::Run(format!(
@@ -126,11 +135,12 @@ pub fn run_pair(
         pair.station.wait(ENDING);
         let notes = std::mem::take(&mut pair.notes);
         let (is_early, is_late) = (pair.is_early, pair.is_late);
-        finished.map(|finished| Outcome {
+        finished.map(|(finished, failure)| Outcome {
             finished,
             notes,
             is_late,
             is_early,
+            failure,
         })
     })
 }
@@ -193,13 +203,13 @@ impl Processes {
         })
     }
 
-    /// Until the controller ended; its result.
+    /// Until the controller ended; its result, and why it failed beside that.
     fn watch(
         &mut self,
         seconds: f64,
         stop: &AtomicBool,
         show: &mut dyn FnMut(Shown),
-    ) -> Result<Finished, Failure> {
+    ) -> Result<(Finished, Option<Failure>), Failure> {
         let mut finished = None;
         let mut asked: Option<Instant> = None;
         let hanging = Instant::now() + Duration::from_secs_f64(seconds) + PATIENCE;
@@ -214,11 +224,9 @@ impl Processes {
                 while let Ok(event) = self.events.try_recv() {
                     take(event, &mut finished, show);
                 }
-                return match finished {
-                    // What was not finite is named in its result: the caller fails with that.
-                    Some(finished) if status.success() || is_not_finite(&finished) => Ok(finished),
-                    _ => Err(self.controller.failure(Some(status))),
-                };
+                return with_failure(finished, status.success(), || {
+                    self.controller.failure(Some(status))
+                });
             }
             if is_set(stop) && asked.is_none() {
                 asked = Some(Instant::now());
@@ -235,7 +243,7 @@ impl Processes {
                     && finished.result.safety.tick_panics == 0
                 {
                     self.is_late = true;
-                    return Ok(finished);
+                    return Ok((finished, None));
                 }
                 return Err(Failure::Run(
                     "the controller did not end in time and was ended by force; there is no result"
@@ -278,8 +286,21 @@ fn typed_files(record: Option<&Path>, device: Option<&Path>) -> Vec<OsString> {
     record.into_iter().chain(device).collect()
 }
 
-fn is_not_finite(finished: &Finished) -> bool {
-    !finished.result.non_finite.is_empty()
+/// The result of a controller, and why it failed where it did; the failure alone where there is no
+/// result. What was not finite is named in that: the caller fails with it.
+fn with_failure(
+    finished: Option<Finished>,
+    is_success: bool,
+    failure: impl FnOnce() -> Failure,
+) -> Result<(Finished, Option<Failure>), Failure> {
+    match finished {
+        Some(finished) => {
+            let is_told = is_success || !finished.result.non_finite.is_empty();
+            let failure = (!is_told).then(failure);
+            Ok((finished, failure))
+        }
+        None => Err(failure()),
+    }
 }
 
 fn take(event: Event, finished: &mut Option<Finished>, show: &mut dyn FnMut(Shown)) {
@@ -349,12 +370,37 @@ mod tests {
     }
 
     #[test]
+    fn a_run_that_failed_keeps_its_result_and_is_no_measure() {
+        let failure = || Failure::Run("the tick panicked".to_string());
+        let mut finished = Finished::default();
+        finished.result.ticks = 7;
+        let (kept, failed) = with_failure(Some(finished.clone()), false, failure).unwrap();
+        assert_eq!((kept.result.ticks, &failed), (7, &Some(failure())));
+        let outcome = Outcome {
+            finished: kept,
+            notes: Vec::new(),
+            is_late: false,
+            is_early: false,
+            failure: failed,
+        };
+        assert_eq!(outcome.check_finite(), Err(failure()));
+        assert_eq!(outcome.undisturbed(), Err(failure()));
+        let sound = with_failure(Some(finished.clone()), true, failure);
+        assert_eq!(sound, Ok((finished.clone(), None)));
+        finished.result.non_finite = vec!["force_n".to_string()];
+        let named = with_failure(Some(finished.clone()), false, failure);
+        assert_eq!(named, Ok((finished, None)), "the result says it");
+        assert_eq!(with_failure(None, false, failure), Err(failure()));
+    }
+
+    #[test]
     fn a_disturbed_run_is_no_measure_and_one_that_ended_on_request_is_not_disturbed() {
         let outcome = |notes: &[&str]| Outcome {
             finished: Finished::default(),
             notes: notes.iter().map(ToString::to_string).collect(),
             is_late: true,
             is_early: true,
+            failure: None,
         };
         let told = outcome(&["it hung"]).told();
         assert_eq!(told[..2], ["ended early on request", "it hung"]);

@@ -191,14 +191,18 @@ impl Process {
             .lock()
             .map(|said| said.iter().cloned().collect())
             .unwrap_or_default();
-        if status.and_then(|status| status.code()) == Some(2) {
-            // Bad input has already been said in one sentence.
-            let sentence = lines
-                .iter()
-                .rev()
-                .find_map(|line| line.strip_prefix("error: "));
-            let sentence = sentence.or(lines.last().map(String::as_str));
+        let code = status.and_then(|status| status.code());
+        // A role has already said in one sentence why it failed.
+        let said = lines
+            .iter()
+            .rev()
+            .find_map(|line| line.strip_prefix("error: "));
+        if code == Some(2) {
+            let sentence = said.or(lines.last().map(String::as_str));
             return Failure::Input(sentence.unwrap_or("bad input").to_string());
+        }
+        if let (Some(1), Some(sentence)) = (code, said) {
+            return Failure::Run(sentence.to_string());
         }
         let how = match status.map(|status| (status.code(), status.signal())) {
             Some((Some(code), _)) => format!("with status {code}"),

@@ -136,5 +136,11 @@ pub fn controller(args: ControllerArgs) -> Result<(), Failure> {
         slow: args.loop_.slow.unwrap_or(1.0),
         ..hrtc::run::RunArgs::new(&args.scene, &args.domain)
     };
-    hrtc::run::run_with(&registry(), &run, &stop).map_err(|error| Failure::Input(error.to_string()))
+    hrtc::run::run_with(&registry(), &run, &stop).map_err(|error| {
+        let sentence = error.to_string();
+        match hrtc::cli::status(&error) {
+            2 => Failure::Input(sentence),
+            _ => Failure::Run(sentence),
+        }
+    })
 }

@@ -105,7 +105,7 @@ impl Report<'_> {
                 r.force_step_n_max
             ),
             format!(
-                "{} tick(s) clamped at {} N, {} sample(s) rejected; deepest {} behind the surface",
+                "{} tick(s) clamped, at {} N or the limit of its device, {} sample(s) rejected; deepest {} behind the surface",
                 r.clamped_ticks,
                 r.force_limit_n,
                 r.rejected_samples,

@@ -96,7 +96,7 @@ fn a_report_is_written_whole_and_its_pictures_stand_in_it_and_beside_it() {
         }));
         let thicker = "contacts act 5 µm off the surface";
         assert_eq!(words.contains(thicker), contact, "{words}");
-        assert_eq!(words.contains("clamped at 10 N"), contact, "{words}");
+        assert_eq!(words.contains("clamped, at 10 N"), contact, "{words}");
         assert!(words.contains("a note"));
         assert!(words.contains("rings around it for 10 µm, 200 µm"));
         assert!(words.contains("regions known: at most 7 of 100 in use"));
