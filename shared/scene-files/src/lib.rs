@@ -37,12 +37,18 @@ use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Files of this machine.
+/// Files of this machine. A pipe or a device is refused: it might never end.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct DiskFiles;
 
 impl scene::Files for DiskFiles {
     fn read(&self, path: &Path) -> io::Result<Vec<u8>> {
+        // Before it is opened: a pipe would wait for who writes it.
+        let of = std::fs::metadata(path)?;
+        if !of.is_file() && !of.is_dir() {
+            let kind = io::ErrorKind::InvalidInput;
+            return Err(io::Error::new(kind, "this is no file"));
+        }
         std::fs::read(path)
     }
 
@@ -105,7 +111,36 @@ impl scene::Files for NotingFiles {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use scene::Overrides;
+    use scene::{Files as _, Overrides};
+    use std::time::Duration;
+
+    /// A station that waited in it would hear no signal.
+    #[test]
+    fn a_pipe_is_refused_and_not_waited_for() {
+        let folder = tempfile::tempdir().unwrap();
+        let pipe = folder.path().join("path.csv");
+        let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+        if !made.is_ok_and(|status| status.success()) {
+            println!("skipped: there is no mkfifo");
+            return;
+        }
+        let scene = folder.path().join("touch.toml");
+        let text = "[[object]]\nmodel = \"m.spm\"\nsize_m = 0.1\n[[probe]]\n\
+                    trajectory = { csv = \"path.csv\" }\n";
+        std::fs::write(&scene, text).unwrap();
+        let (sender, loaded) = std::sync::mpsc::channel();
+        let load = move || scene::load(&scene, &Overrides::default(), &DiskFiles);
+        std::thread::spawn(move || sender.send(load().map(|_| ())));
+        // So long only where it waits for a writer that never comes.
+        let refused = loaded.recv_timeout(Duration::from_secs(60));
+        let refused = refused.expect("it does not wait").unwrap_err().0;
+        assert!(
+            refused.contains("line 5: the trajectory") && refused.contains("this is no file"),
+            "{refused}"
+        );
+        let folder = DiskFiles.read(folder.path()).unwrap_err();
+        assert_eq!(folder.kind(), io::ErrorKind::IsADirectory);
+    }
 
     #[test]
     fn a_scene_is_the_same_from_the_files_that_it_read() {

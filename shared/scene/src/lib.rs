@@ -10,6 +10,7 @@
 //! | `plan` | the validated plan, SI units |
 //! | `portable` | the text of a scene for a machine without its files |
 //! | `validate` | from the scene as typed to the plan |
+//! | `wording` | what serde refuses, in the words of a scene |
 //! | `bytes` | sizes such as `16MiB` |
 //!
 //! ```
@@ -38,6 +39,7 @@ mod portable;
 mod source;
 mod typed;
 mod validate;
+mod wording;
 
 pub use bytes::parse_bytes;
 pub use files::{Files, NoFiles};

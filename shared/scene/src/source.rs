@@ -2,11 +2,16 @@
 
 use crate::files::{Files, read_text};
 use crate::limits::{Limit, MAX_LENGTH_M};
+use crate::plan::HeightMap;
 use crate::typed::Vector;
+use crate::wording;
 use glam::DVec3;
 use serde::de::DeserializeOwned;
+use std::cell::RefCell;
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use thiserror::Error;
 use toml::Spanned;
 
@@ -23,13 +28,15 @@ pub(crate) struct Source<'a> {
     /// Start of relative paths.
     pub(crate) folder: &'a Path,
     pub(crate) files: &'a dyn Files,
+    /// The pictures that were read and their steepest slopes, by path: many objects may name one.
+    pub(crate) maps: RefCell<BTreeMap<PathBuf, (Arc<HeightMap>, f64)>>,
 }
 
 impl Source<'_> {
     /// The text as typed.
     pub(crate) fn typed<T: DeserializeOwned>(&self) -> Result<T, SceneError> {
         toml::from_str(self.text).map_err(|error| {
-            let sentence = error.message().replace('\n', "; ");
+            let sentence = wording::sentence(self.text, error.span(), error.message());
             match error.span() {
                 Some(span) => self.at(span.start, &sentence),
                 None => self.whole(&sentence),
@@ -111,6 +118,22 @@ impl Source<'_> {
             None => Ok(DVec3::ZERO),
             Some(typed) => self.vector((key, typed), *typed.get_ref()),
         }
+    }
+
+    /// A direction, made a unit vector.
+    pub(crate) fn direction(
+        &self,
+        (key, typed): Keyed<Spanned<[f64; 3]>>,
+    ) -> Result<DVec3, SceneError> {
+        let vector = DVec3::from_array(*typed.get_ref());
+        // Scaled first, so no square overflows or vanishes.
+        let unit = (vector / vector.abs().max_element()).try_normalize();
+        unit.ok_or_else(|| {
+            let sentence = format!(
+                "{key} needs three finite numbers that are not all zero, such as [0, 0, 1]"
+            );
+            self.value(typed, &sentence)
+        })
     }
 
     /// Path of a file that the scene names.

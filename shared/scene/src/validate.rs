@@ -22,7 +22,9 @@ use device::{device_of_file, device_plan};
 use objects::Objects;
 use record::record_plan;
 use shape::probe_shape;
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use tick::{accuracy_plan, loop_plan, safety_plan};
 use toml::Spanned;
 use trajectory::trajectory_plan;
@@ -50,6 +52,7 @@ pub fn load(
         text: &text,
         folder: path.parent().unwrap_or(Path::new("")),
         files,
+        maps: RefCell::default(),
     };
     plan(&source, &name, overrides)
 }
@@ -71,6 +74,7 @@ pub fn parse(
         text,
         folder,
         files,
+        maps: RefCell::default(),
     };
     plan(&source, name, overrides)
 }
@@ -87,7 +91,7 @@ fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan,
             .cache
             .bytes
             .map_or(DEFAULT_CACHE_BYTES, |bytes| bytes.0),
-        cache_changes: cache_changes(source, &typed.cache)?,
+        cache_changes: Arc::new([]),
         accuracy: accuracy_plan(source, &typed.accuracy)?,
         safety: safety_plan(source, &typed.safety)?,
         record: record_plan(source, &typed.record)?,
@@ -98,6 +102,8 @@ fn plan(source: &Source, name: &str, overrides: &Overrides) -> Result<ScenePlan,
     let first_copies = objects.copies.first().map_or(0, |copies| copies.end);
     overrides::apply(&mut plan, first_copies, overrides, source.files)
         .map_err(|sentence| source.whole(&sentence))?;
+    plan.cache_changes = cache_changes(source, &typed.cache.change, plan.cache_bytes)?;
+    trajectory::check(source, &typed.probe, &plan)?;
     device::check(source, &typed.probe, &overrides.devices, &plan)?;
     effects::add(source, &typed, &objects.copies, &mut plan)?;
     let tables = typed.object.iter().map(Spanned::get_ref);

@@ -3,6 +3,10 @@
 
 /// Reading and cleaning a mesh.
 pub mod input {
+    /// A facet of an STL that is smaller than so many steps of an f32 at the model's size is one of
+    /// a model that something stray makes seem large: its corners are not rounded to such steps. A
+    /// corner of the smallest that are is moved, where it is compared, by a 256th of it.
+    pub const FINE_FACET_STEPS: f32 = 256.0;
     /// Polygons of more corners that are no fan are refused: cutting ears takes time in the square.
     pub const MAX_CORNERS: usize = 8192;
     /// The part of its area by which the fan of a larger polygon may fold over, from rounding: that

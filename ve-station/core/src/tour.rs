@@ -18,7 +18,8 @@ mod roll;
 mod touch;
 
 use crate::tuning::tour::{
-    FASTEST_SIDES_PER_S, HOVER_SIDES, MAX_DAMAGED, MAX_MOVED_RADII, MIN_BALL_SIDES,
+    FASTEST_SIDES_PER_S, HOVER_RADII, HOVER_S, HOVER_SIDES, MAX_DAMAGED, MAX_MOVED_RADII,
+    MIN_BALL_SIDES,
 };
 use geometry::Pose;
 use geometry::portable::{about, angle_between, cos, sin};
@@ -35,11 +36,10 @@ use touch::{Choice, End, Leave, Place, Space};
 /// Why there is no tour.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum TourError {
-    /// A number of the ask is out of range.
-    #[error(
-        "seconds must lie in 0 to 86400, the speed be positive and at most 20 model lengths a second, depth and radius not negative and no larger than the model"
-    )]
-    Numbers,
+    /// A number of the ask is out of range: a sentence that names it, its value and its limits,
+    /// lengths as shares of the model's longest side.
+    #[error("{0}")]
+    Number(String),
     /// The file is damaged where the tour goes.
     #[error("{0}")]
     File(#[from] FileError),
@@ -50,10 +50,45 @@ impl TourError {
     #[must_use]
     pub fn refusal(&self) -> Refusal {
         match self {
-            Self::Numbers => Refusal::Tour,
+            Self::Number(_) => Refusal::Tour,
             Self::File(_) => Refusal::DamagedBlock,
         }
     }
+}
+
+/// Checks the numbers of an ask for a model of this longest side: a sentence about the first that
+/// is out of range.
+fn check(ask: &TourAsk, size: f64) -> Result<(), String> {
+    let &TourAsk {
+        seconds,
+        speed,
+        depth,
+        radius,
+        ..
+    } = ask;
+    // NaN is in no range.
+    if !(seconds > 0.0 && seconds <= LONGEST_TOUR_S) {
+        return Err(format!(
+            "it is {seconds} seconds long: ask for more than 0 and at most {LONGEST_TOUR_S}"
+        ));
+    }
+    if !(speed > 0.0 && speed.is_normal() && speed <= FASTEST_SIDES_PER_S * size) {
+        return Err(format!(
+            "its speed is {:.3e} lengths of the model a second: make it positive and at most {FASTEST_SIDES_PER_S}, or the object larger",
+            speed / size
+        ));
+    }
+    // A scene lets in what is as long as the model; in model units that is rounded.
+    let longest = size * (1.0 + 1e-12);
+    for (name, length) in [("depth", depth), ("radius of the probe", radius)] {
+        if !(0.0..=longest).contains(&length) {
+            return Err(format!(
+                "its {name} is {:.3e} lengths of the model: make it at least 0 and at most 1, or the object larger",
+                length / size
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// All points of a tour.
@@ -154,24 +189,17 @@ impl Tour {
             DVec3::from_array(header.upper),
         );
         let size = (upper - lower).max_element();
+        check(&ask, size).map_err(TourError::Number)?;
         let TourAsk {
             seconds,
             speed,
-            depth,
             radius,
             ..
         } = ask;
-        let good = seconds > 0.0
-            && seconds <= LONGEST_TOUR_S
-            && speed.is_normal()
-            && speed > 0.0
-            && speed <= FASTEST_SIDES_PER_S * size
-            && (0.0..=size).contains(&depth)
-            && (0.0..=size).contains(&radius);
-        if !good {
-            return Err(TourError::Numbers);
-        }
         let ball_radius = radius.max(MIN_BALL_SIDES * size);
+        let highest = HOVER_SIDES * size;
+        let hover = (HOVER_S * speed).max(HOVER_RADII * ball_radius);
+        let hover = hover.min(highest);
         let diagonal = (upper - lower).length();
         Ok(Self {
             ask,
@@ -186,7 +214,8 @@ impl Tour {
                 centre: (lower + upper) * 0.5,
                 size,
                 outside: 0.51 * diagonal + 2.0 * ball_radius,
-                hover: HOVER_SIDES * size,
+                hover,
+                reach: size * (hover / highest),
             },
             resampler: Resampler::new(speed * TOUR_PERIOD_S),
             making: None,
@@ -247,7 +276,12 @@ impl Tour {
     /// The point at a place of the path.
     fn give<D: AsRef<[u8]>>(&mut self, file: &SpmFile<D>, sample: Sample) -> TourPoint {
         let full = self.given as f64 * TOUR_PERIOD_S;
-        let t = full.min(self.ask.seconds);
+        let is_last = self.given + 1 == self.total;
+        let t = if is_last {
+            self.ask.seconds
+        } else {
+            full.min(self.ask.seconds)
+        };
         // The last period may be cut short: so is its way.
         let share = (1.0 - (full - t) / TOUR_PERIOD_S).clamp(0.0, 1.0);
         let position = if self.given == 0 {

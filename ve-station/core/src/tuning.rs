@@ -3,8 +3,15 @@
 
 /// Tours over a model.
 pub mod tour {
-    /// Height above the surface for moves between touches, as a share of the longest side.
+    /// Height above the surface for moves between touches at the most, as a share of the longest
+    /// side ...
     pub const HOVER_SIDES: f64 = 0.12;
+    /// ... and no more than a tour comes down from in so many seconds: a slow one is to touch too
+    /// ...
+    pub const HOVER_S: f64 = 0.5;
+    /// ... but at least so many radii of the ball: lower down, hardly any straight way to the next
+    /// touch is free.
+    pub const HOVER_RADII: f64 = 4.0;
     /// The ball's radius at least, as a share of the longest side.
     pub const MIN_BALL_SIDES: f64 = 0.004;
     /// The ball is moved at once by the way between two points, but by no more than this share of
@@ -18,8 +25,12 @@ pub mod tour {
     pub const MAX_LINE_STEPS: usize = 4000;
     /// Turns in a row before a slide gives up.
     pub const MAX_TURNS: u32 = 16;
-    /// A contact that moves by more steps than this went to another sheet.
+    /// A contact that moves by more steps than this, and ...
     pub const JUMP_STEPS: f64 = 3.0;
+    /// ... by more radii of the ball than this, went to another sheet. In a concave edge the ball
+    /// touches both faces at once, up to two radii apart, however slowly it rolls. Below half a
+    /// radius a step no contact moves so far without its normal turning over.
+    pub const JUMP_RADII: f64 = 2.0;
     /// A contact less upright than this hangs over a rim: about 80 degrees.
     pub const OVERHANG_COSINE: f64 = 0.17;
     /// The normal turned over, when its cosine with an earlier one is below this ...

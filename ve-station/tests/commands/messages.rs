@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 use std::io::Write;
+use std::ops::Range;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
@@ -361,6 +362,26 @@ fn a_mesh_on_standard_output_is_all_that_is_there() {
     assert!(std::fs::read_link(at.join("link")).is_ok());
 }
 
+/// The parts of an SPM file that hold something, by its table: the header and the sections.
+fn parts_of_spm(bytes: &[u8]) -> Vec<Range<usize>> {
+    // As spm::Section has them.
+    const ITEM_BYTES: [usize; 12] = [16, 32, 4, 4, 8, 4, 12, 4, 64, 16, 24, 20];
+    let header = size_of::<spm::SpmHeader>();
+    // Offset, count and checksum of each section; then only the header's checksum.
+    let table = &bytes[header - 8 - 24 * ITEM_BYTES.len()..header - 8];
+    let number = |at: usize| u64::from_le_bytes(table[at..at + 8].try_into().unwrap()) as usize;
+    let head = 0..header;
+    let mut parts = vec![head];
+    for (k, item_bytes) in ITEM_BYTES.into_iter().enumerate() {
+        let (offset, count) = (number(24 * k), number(24 * k + 8));
+        let before = parts[k].end;
+        assert_eq!(offset, before.next_multiple_of(64), "section {k}");
+        parts.push(offset..offset + count * item_bytes);
+    }
+    assert_eq!(parts[ITEM_BYTES.len()].end, bytes.len());
+    parts
+}
+
 #[test]
 fn damaged_spm_files_are_one_sentence_each() {
     let folder = tempfile::tempdir().unwrap();
@@ -387,13 +408,17 @@ fn damaged_spm_files_are_one_sentence_each() {
             "{text}"
         );
     }
+    let parts = parts_of_spm(&sound);
     for place in (0..sound.len()).step_by(sound.len() / 40) {
+        // Between sections there is padding, which says nothing.
+        if !parts.iter().any(|part| part.contains(&place)) {
+            continue;
+        }
         let mut flipped = sound.clone();
         flipped[place] ^= 16;
         std::fs::write(&bad, &flipped).unwrap();
-        let output = station(at, &["inspect", "bad.spm"]);
-        // Between sections there is padding, which says nothing.
-        assert!(matches!(output.status.code(), Some(0 | 2)));
+        let text = inspect();
+        assert!(text.contains("bad.spm: "), "byte {place}: {text}");
     }
     let mut flipped = sound.clone();
     let middle = sound.len() / 2;

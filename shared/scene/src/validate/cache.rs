@@ -1,19 +1,20 @@
 //! Changes of the cache's limit.
 
-use crate::limits::{DEFAULT_CACHE_BYTES, POSITIVE};
+use crate::limits::POSITIVE;
 use crate::plan::CacheChangePlan;
 use crate::source::{SceneError, Source, key};
-use crate::typed::CacheTyped;
+use crate::typed::CacheChangeTyped;
 use std::sync::Arc;
 
-/// Checks the changes: one after the other, none above what is reserved at the start.
+/// Checks the changes: one after the other, none above what is reserved at the start, which the
+/// command line may have changed.
 pub(super) fn cache_changes(
     source: &Source,
-    typed: &CacheTyped,
+    typed: &[CacheChangeTyped],
+    most: usize,
 ) -> Result<Arc<[CacheChangePlan]>, SceneError> {
-    let most = typed.bytes.map_or(DEFAULT_CACHE_BYTES, |bytes| bytes.0);
     let mut last_s = 0.0;
-    let changes = typed.change.iter().map(|change| {
+    let changes = typed.iter().map(|change| {
         let at_s = source.required(key!(change.at_s), POSITIVE)?;
         if at_s <= last_s {
             return Err(source.value(
@@ -26,7 +27,7 @@ pub(super) fn cache_changes(
         if bytes > most {
             return Err(source.value(
                 &change.bytes,
-                &format!("{bytes} bytes are more than the {most} that are reserved at the start; raise bytes of [cache] or lower this"),
+                &format!("{bytes} bytes are more than the {most} that are reserved at the start; raise bytes of [cache] (--cache lies over it) or lower this"),
             ));
         }
         Ok(CacheChangePlan { at_s, bytes })
@@ -43,16 +44,33 @@ mod tests {
     use std::path::Path;
 
     fn plan(cache: &str) -> Result<ScenePlan, SceneError> {
+        plan_with(cache, None)
+    }
+
+    /// Under the command line's `--cache`.
+    fn plan_with(cache: &str, bytes: Option<&str>) -> Result<ScenePlan, SceneError> {
+        let overrides = Overrides {
+            cache: bytes.map(str::to_owned),
+            ..Overrides::default()
+        };
         let text = format!(
             "[[object]]\nmodel = \"a.spm\"\nsize_m = 0.1\n[[probe]]\n[cache]\nbytes = \"8MiB\"\n{cache}"
         );
-        parse(
-            &text,
-            "scene",
-            Path::new(""),
-            &Overrides::default(),
-            &NoFiles,
-        )
+        parse(&text, "scene", Path::new(""), &overrides, &NoFiles)
+    }
+
+    /// The scene's own 8 MiB say nothing then.
+    #[test]
+    fn the_limit_changes_within_what_the_command_line_reserves() {
+        let change = |bytes: &str| format!("[[cache.change]]\nat_s = 1\nbytes = \"{bytes}\"\n");
+        let more = plan_with(&change("16MiB"), Some("32MiB")).unwrap();
+        assert_eq!(more.cache_bytes, 32 << 20);
+        assert_eq!(more.cache_changes[0].bytes, 16 << 20);
+        let error = plan_with(&change("4MiB"), Some("2MiB")).unwrap_err().0;
+        assert!(
+            error.contains("line 9: 4194304 bytes are more than the 2097152"),
+            "{error}"
+        );
     }
 
     #[test]

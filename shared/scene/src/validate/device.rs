@@ -10,6 +10,7 @@ use crate::plan::{
 };
 use crate::source::{SceneError, Source, key};
 use crate::typed::{DeviceFileTyped, DeviceTyped, ProbeTyped, SimulatedTyped, Whole};
+use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use toml::Spanned;
 
@@ -45,6 +46,7 @@ pub(super) fn device_of_file(
         text: &text,
         folder: Path::new(""),
         files,
+        maps: RefCell::default(),
     };
     let typed: DeviceFileTyped = source.typed()?;
     let (device, mut custom) = device_plan(&source, Some(&typed.device), shape)?;

@@ -17,6 +17,7 @@ use glam::DVec3;
 use stability::Limits;
 use std::f64::consts::TAU;
 use std::io::Cursor;
+use std::path::Path;
 use std::sync::Arc;
 use toml::Spanned;
 
@@ -279,13 +280,11 @@ fn height_map(
 ) -> Result<Pattern, SceneError> {
     let path = source.path(&typed.file);
     let shown = path.display();
-    let refused = |error: &dyn std::fmt::Display| {
+    let (map, steepest) = picture(source, &path).map_err(|error| {
         source.value(&typed.file, &format!("the height map {shown} cannot be used ({error}); name a PNG picture relative to the scene"))
-    };
-    let bytes = source.read(&path).map_err(|error| refused(&error))?;
-    let map = HeightMap::read_png(Cursor::new(bytes)).map_err(|error| refused(&error))?;
+    })?;
     let width_m = source.required(key!(typed.width_m), LENGTH_M)?;
-    let steepest = map.steepest() / width_m;
+    let steepest = steepest / width_m;
     if amplitude_m * steepest > MAX_TEXTURE_SLOPE {
         let max = MAX_TEXTURE_SLOPE / steepest;
         return Err(source.value(amplitude, &format!(
@@ -293,10 +292,24 @@ fn height_map(
         )));
     }
     Ok(Pattern::HeightMap {
-        map: Arc::new(map),
+        map,
         width_m,
         axis: typed.axis as usize,
     })
+}
+
+/// The picture of a path and its steepest slope, read once for all that name it.
+fn picture(source: &Source, path: &Path) -> Result<(Arc<HeightMap>, f64), String> {
+    if let Some(read) = source.maps.borrow().get(path) {
+        return Ok(read.clone());
+    }
+    let bytes = source.read(path).map_err(|error| error.to_string())?;
+    let map = HeightMap::read_png(Cursor::new(bytes)).map_err(|error| error.to_string())?;
+    let steepest = map.steepest();
+    let read = (Arc::new(map), steepest);
+    let mut maps = source.maps.borrow_mut();
+    maps.insert(path.to_path_buf(), read.clone());
+    Ok(read)
 }
 
 fn magnet(source: &Source, typed: &MagnetTyped, limits: &Limits) -> Result<Effect, SceneError> {
@@ -453,18 +466,8 @@ fn boundary(
 
 /// A direction, made a unit vector.
 fn direction(source: &Source, typed: &Vector, default: DVec3) -> Result<DVec3, SceneError> {
-    let Some(typed) = typed else {
-        return Ok(default);
-    };
-    let vector = DVec3::from_array(*typed.get_ref());
-    // Scaled first, so no square overflows or vanishes.
-    let unit = (vector / vector.abs().max_element()).try_normalize();
-    unit.ok_or_else(|| {
-        source.value(
-            typed,
-            "direction needs three finite numbers that are not all zero",
-        )
-    })
+    let given = typed.as_ref();
+    given.map_or(Ok(default), |typed| source.direction(("direction", typed)))
 }
 
 #[cfg(test)]

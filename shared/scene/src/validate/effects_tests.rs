@@ -219,9 +219,8 @@ impl crate::Files for OneFile {
     }
 }
 
-#[test]
-fn a_height_map_is_no_steeper_than_waves_may_be() {
-    // A step from black to white within a tenth of its width.
+/// A step from black to white within a tenth of its width.
+fn step_picture() -> Vec<u8> {
     let mut file = Vec::new();
     let mut encoder = png::Encoder::new(&mut file, 10, 1);
     encoder.set_color(png::ColorType::Grayscale);
@@ -230,6 +229,52 @@ fn a_height_map_is_no_steeper_than_waves_may_be() {
         .write_image_data(&[0, 0, 0, 0, 0, 255, 255, 255, 255, 255])
         .unwrap();
     drop(writer);
+    file
+}
+
+/// Files that count what is read of them.
+struct CountedFiles(OneFile, std::cell::Cell<usize>);
+
+impl crate::Files for CountedFiles {
+    fn read(&self, path: &Path) -> std::io::Result<Vec<u8>> {
+        self.1.set(self.1.get() + 1);
+        self.0.read(path)
+    }
+
+    fn absolute(&self, path: &Path) -> std::io::Result<std::path::PathBuf> {
+        self.0.absolute(path)
+    }
+}
+
+#[test]
+fn a_picture_is_read_once_for_all_that_name_it() {
+    let entry = |file: &str| {
+        format!(
+            "{OBJECT}effects = [{{ texture = {{ amplitude_m = 1e-5, height_map = {{ file = \"{file}\", width_m = 0.01 }} }} }}]\n"
+        )
+    };
+    let text = entry("map.png").repeat(5) + &entry("other.png") + PROBE;
+    let files = CountedFiles(OneFile(step_picture()), std::cell::Cell::new(0));
+    let none = Overrides::default();
+    let plan = parse(&text, "test.toml", Path::new("/"), &none, &files).unwrap();
+    let maps = plan.objects.iter().map(|object| {
+        let Effect::Texture(texture) = &object.effects[0].effect else {
+            panic!("{:?}", object.effects);
+        };
+        let crate::Pattern::HeightMap { map, .. } = &texture.pattern else {
+            panic!("{:?}", texture.pattern);
+        };
+        std::sync::Arc::as_ptr(map)
+    });
+    let maps: Vec<_> = maps.collect();
+    assert!(maps[..5].iter().all(|&map| map == maps[0]));
+    assert_ne!(maps[0], maps[5]);
+    assert_eq!(files.1.get(), 2);
+}
+
+#[test]
+fn a_height_map_is_no_steeper_than_waves_may_be() {
+    let file = step_picture();
     // At 1 mm a sample, of heights from -1 to 1, 0.5 mm are a slope of 1.
     let with_amplitude = |amplitude_m: f64| {
         let text = on_object(&format!(

@@ -44,7 +44,7 @@ pub(super) fn movable_plan(
                 &typed.inertia_kgm2,
                 key!(typed.gravity_m_per_s2),
             )?,
-            axis: axis(source, &typed.axis)?,
+            axis: source.direction(key!(typed.axis))?,
             anchor_m: source.vector_or_zero(key!(typed.anchor_m))?,
             angular: spring_damper(
                 source,
@@ -61,7 +61,7 @@ pub(super) fn movable_plan(
                 &None,
                 key!(typed.gravity_m_per_s2),
             )?,
-            axis: axis(source, &typed.axis)?,
+            axis: source.direction(key!(typed.axis))?,
             linear: spring_damper(
                 source,
                 key!(typed.spring_n_per_m),
@@ -240,17 +240,6 @@ fn spring_damper(
         damping: source.optional(damping, NOT_NEGATIVE)?,
         spring: source.number(spring, 0.0, NOT_NEGATIVE)?,
     })
-}
-
-fn axis(source: &Source, typed: &Spanned<[f64; 3]>) -> Result<DVec3, SceneError> {
-    DVec3::from_array(*typed.get_ref())
-        .try_normalize()
-        .ok_or_else(|| {
-            source.value(
-                typed,
-                "axis has no direction; write three numbers that are not all zero, such as [0, 0, 1]",
-            )
-        })
 }
 
 fn limits(

@@ -28,6 +28,23 @@ fn refusal(movable: &str) -> String {
     message
 }
 
+/// Its squares are beyond the largest number, or vanish.
+#[test]
+fn an_axis_of_any_length_is_a_direction() {
+    for length in ["1e200", "1e-200", "5e-324"] {
+        let axis = format!("axis = [0, 0, {length}], mass_kg = 20");
+        for kind in ["hinge", "rail"] {
+            let plan = scene(&format!("{kind} = {{ {axis} }}")).unwrap();
+            let axis = match plan.objects[0].movable.unwrap() {
+                MovablePlan::Hinge(hinge) => hinge.axis,
+                MovablePlan::Rail(rail) => rail.axis,
+                other => panic!("{other:?}"),
+            };
+            assert_eq!(axis, DVec3::Z, "{kind} {length}");
+        }
+    }
+}
+
 #[test]
 fn each_kind_is_read_with_its_defaults() {
     let read = |movable| scene(movable).unwrap().objects[0].movable.unwrap();
@@ -91,7 +108,10 @@ fn a_wrong_number_is_refused_with_its_line() {
             "inertia_kgm2",
         ),
         ("hinge = { axis = [0, 0, 0], mass_kg = 0.2 }", "axis"),
-        ("hinge = { axis = [0, nan, 1], mass_kg = 0.2 }", "axis"),
+        (
+            "hinge = { axis = [0, nan, 1], mass_kg = 0.2 }",
+            "axis needs three finite numbers",
+        ),
         (
             "hinge = { axis = [0, 0, 1], mass_kg = 0.2, anchor_m = [inf, 0, 0] }",
             "anchor_m",

@@ -266,7 +266,7 @@ fn model_and_size_are_given_exactly_once() {
         ("\"relief\"", "\"teapot\"", "sphere, torus"),
         ("[1, 0, 0, 0]", "[0, 0, 0, 0]", "orientation"),
         ("[0, 0, 0]", "[0, nan, 0]", "pose"),
-        ("[0, 0, 0]", "[0, 0]", "length"),
+        ("[0, 0, 0]", "[0, 0]", "write 3 numbers"),
         ("{ tour =", "{ tours =", "tours"),
     ] {
         let message = refusal(&exchanged(old, new));

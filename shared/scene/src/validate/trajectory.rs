@@ -6,9 +6,9 @@
 
 use super::objects::Objects;
 use crate::limits::{LENGTH_M, MAX_LENGTH_M, SPEED_M_PER_S};
-use crate::plan::TrajectoryPlan;
+use crate::plan::{ModelScale, ScenePlan, TrajectoryPlan};
 use crate::source::{SceneError, Source, key};
-use crate::typed::{TourTyped, TrajectoryTyped};
+use crate::typed::{ProbeTyped, TourTyped, TrajectoryTyped};
 use geometry::Pose;
 use toml::Spanned;
 
@@ -43,6 +43,50 @@ fn tour_plan(
         speed_m_per_s: source.number(key!(typed.speed_m_per_s), 0.1, SPEED_M_PER_S)?,
         depth_m: source.number(key!(typed.depth_m), 0.002, LENGTH_M)?,
     })
+}
+
+/// Refuses tours that the station could not make: their object is smaller than they are deep, or
+/// than the probe's tip. The command line may have changed the size; of an object in metres a unit
+/// only the station knows it.
+pub(super) fn check(
+    source: &Source,
+    typed: &[Spanned<ProbeTyped>],
+    plan: &ScenePlan,
+) -> Result<(), SceneError> {
+    for (typed, probe) in typed.iter().zip(&plan.probes) {
+        let TrajectoryPlan::Tour {
+            object, depth_m, ..
+        } = probe.trajectory
+        else {
+            continue;
+        };
+        let ModelScale::Size(size_m) = plan.objects[object].scale else {
+            continue;
+        };
+        if depth_m > size_m {
+            let sentence = format!(
+                "depth_m of the tour is {depth_m}, more than its object's size_m, {size_m}; write trajectory = {{ tour = {{ depth_m = ... }} }} with at most {size_m}, or a larger size_m"
+            );
+            let given = match &typed.get_ref().trajectory {
+                Some(TrajectoryTyped::Tour(tour)) => tour.depth_m.as_ref(),
+                _ => None,
+            };
+            return Err(match given {
+                Some(given) => source.value(given, &sentence),
+                None => source.value(typed, &sentence),
+            });
+        }
+        let tip_m = probe.shape.tip_m();
+        if tip_m > size_m {
+            return Err(source.value(
+                typed,
+                &format!(
+                    "the probe's tip has a radius of {tip_m} m, more than size_m of the object that its tour goes over, {size_m}; write a smaller probe, a larger size_m, or a path with trajectory = {{ csv = \"FILE\" }}"
+                ),
+            ));
+        }
+    }
+    Ok(())
 }
 
 fn csv_plan(source: &Source, file: &Spanned<String>) -> Result<TrajectoryPlan, SceneError> {
@@ -132,6 +176,67 @@ fn columns(line: &str) -> Result<([f64; 8], usize), String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{NoFiles, Overrides, parse};
+    use std::path::Path;
+
+    /// The default tour is 2 mm deep, the default probe a ball of 1 mm.
+    #[test]
+    fn a_tour_that_its_object_is_too_small_for_is_refused_with_its_line() {
+        let plan = |size: &str, probe: &str, size_m: Option<f64>| {
+            let text = format!("[[object]]\nmodel = \"m.spm\"\n{size}\n[[probe]]\n{probe}\n");
+            let overrides = Overrides {
+                size_m,
+                ..Overrides::default()
+            };
+            parse(&text, "s", Path::new(""), &overrides, &NoFiles)
+        };
+        let deep = "trajectory = { tour = { depth_m = 0.2 } }";
+        let shallow = "trajectory = { tour = { depth_m = 0.0001 } }";
+        let ball = "shape = { sphere = { radius_m = 0.2 } }";
+        let of_tip = "line 4: the probe's tip has a radius of";
+        for (size, probe, given, says) in [
+            (
+                "size_m = 0.0015",
+                "",
+                None,
+                "line 4: depth_m of the tour is 0.002, more",
+            ),
+            (
+                "size_m = 0.1",
+                deep,
+                None,
+                "line 5: depth_m of the tour is 0.2, more",
+            ),
+            (
+                "metres_per_unit = 1",
+                "",
+                Some(0.001),
+                "with at most 0.001, or",
+            ),
+            ("size_m = 0.0005", shallow, None, of_tip),
+            ("size_m = 0.1", ball, None, of_tip),
+            ("size_m = 1", ball, Some(0.1), of_tip),
+        ] {
+            let refused = plan(size, probe, given).unwrap_err().0;
+            assert!(refused.contains(says), "{size} {probe}: {refused}");
+        }
+        for (size, probe, given) in [
+            ("size_m = 0.002", "", None),
+            ("size_m = 0.001", shallow, None),
+            ("size_m = 0.0015", deep, Some(0.2)),
+            // How large it is only the station knows.
+            ("metres_per_unit = 0.001", ball, None),
+            // Nothing leads a custom device.
+            (
+                "size_m = 0.0005",
+                "device = { custom = { name = \"mine\" } }",
+                None,
+            ),
+        ] {
+            let plan = plan(size, probe, given);
+            assert!(plan.is_ok(), "{size} {probe}: {plan:?}");
+        }
+    }
 
     #[test]
     fn a_place_beyond_the_longest_length_is_refused_with_its_line() {

@@ -1,13 +1,15 @@
 //! STL, text or binary. The format repeats the corners of every face, so equal ones become one
 //! vertex: equal to the last bit that an f32 has at the model's size, wherever its origin is.
 //! (Writers leave noise of 1e-17 where others write 0; an exact comparison would tear the model
-//! there.)
+//! there.) Where something stray makes the model seem so large that its facets would vanish in
+//! that, their corners are compared by all bits but such noise.
 
 use super::Soup;
 use super::text::{Lines, excerpt, number, words};
 use crate::clean::{box_of_faces, far_origin};
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
+use crate::tuning::input::FINE_FACET_STEPS;
 use rayon::prelude::*;
 
 /// Bytes before the triangles of a binary file.
@@ -153,33 +155,7 @@ fn refused(reason: &str) -> BuildError {
 
 /// One vertex for each position, that of its first use; triangles name corners so far.
 fn welded<T: Copy + Into<f64> + Sync>(mut mesh: SoupMesh, corners: &[[T; 3]]) -> SoupMesh {
-    // Where a model lies far from its own origin, that is moved there later ([`crate::clean`]).
-    let [lower, upper] = box_of_faces(corners, &mesh.triangles);
-    let origin = far_origin([lower, upper]);
-    let extent = (lower - origin).abs().max((upper - origin).abs());
-    let (origin, extent) = (origin.to_array(), extent.max_element() as f32);
-    // Without a face there is no box, and infinity less infinity would make all corners one.
-    let extent = if extent.is_finite() { extent } else { 0.0 };
-    // Adding the extent and taking it away again leaves the bits that count at this size.
-    let key = |p: [T; 3]| {
-        [0, 1, 2].map(|k| {
-            let x = (p[k].into() - origin[k]) as f32;
-            ((x + extent) - extent + 0.0).to_bits()
-        })
-    };
-    let mut order: Vec<([u32; 3], u32)> = corners
-        .par_iter()
-        .zip(0..corners.len() as u32)
-        .map(|(&p, at)| (key(p), at))
-        .collect();
-    order.par_sort_unstable();
-    let mut first_use = vec![0u32; corners.len()];
-    for same in order.chunk_by(|a, b| a.0 == b.0) {
-        for &(_, at) in same {
-            first_use[at as usize] = same[0].1;
-        }
-    }
-    drop(order);
+    let mut first_use = first_uses(&mesh.triangles, corners);
     mesh.positions.clear();
     // In place: a first use comes before every other one, so what it points to is a vertex by then.
     for at in 0..corners.len() {
@@ -195,4 +171,69 @@ fn welded<T: Copy + Into<f64> + Sync>(mut mesh: SoupMesh, corners: &[[T; 3]]) ->
         *corner = first_use[*corner as usize];
     }
     mesh
+}
+
+/// For every corner the first one of its position.
+fn first_uses<T: Copy + Into<f64> + Sync>(triangles: &[[u32; 3]], corners: &[[T; 3]]) -> Vec<u32> {
+    // Where a model lies far from its own origin, that is moved there later ([`crate::clean`]).
+    let [lower, upper] = box_of_faces(corners, triangles);
+    let origin = far_origin([lower, upper]);
+    let extent = (lower - origin).abs().max((upper - origin).abs());
+    let (origin, extent) = (origin.to_array(), extent.max_element() as f32);
+    // Without a face there is no box, and infinity less infinity would make all corners one.
+    let extent = if extent.is_finite() { extent } else { 0.0 };
+    // Plus zero: the two zeros are one position.
+    let place = |at: u32| {
+        let p = corners[at as usize];
+        [0, 1, 2].map(|k| (p[k].into() - origin[k]) as f32 + 0.0)
+    };
+    // Adding the extent and taking it away again leaves the bits that count at this size.
+    let rounded = |p: [f32; 3]| p.map(|x| ((x + extent) - extent + 0.0).to_bits());
+    let size = |triangle: &[u32; 3]| {
+        let [a, b, c] = triangle.map(place);
+        let side = |k: usize| a[k].max(b[k]).max(c[k]) - a[k].min(b[k]).min(c[k]);
+        side(0).max(side(1)).max(side(2))
+    };
+    // One facet may be a million times as far out as the model is large: then most are small.
+    let fine = FINE_FACET_STEPS * f32::EPSILON * extent;
+    let is_fine = |size: f32| size > 0.0 && size < fine;
+    let count = corners.len() as u32;
+    let fine_facets = triangles.par_iter().filter(|of| is_fine(size(of)));
+    if 2 * fine_facets.count() <= triangles.len() {
+        return first_of_same(count, |at| rounded(place(at)));
+    }
+    // Corners of equal bits stay together, whatever the facets: by the first of them the size of
+    // the smallest facet there.
+    let same = first_of_same(count, |at| place(at).map(f32::to_bits));
+    let mut smallest = vec![f32::INFINITY; corners.len()];
+    for triangle in triangles {
+        let size = size(triangle);
+        for &corner in triangle.iter().filter(|_| size > 0.0) {
+            let smallest = &mut smallest[same[corner as usize] as usize];
+            *smallest = smallest.min(size);
+        }
+    }
+    first_of_same(count, |at| {
+        let size = smallest[same[at as usize] as usize];
+        if !is_fine(size) {
+            return rounded(place(at));
+        }
+        // Of a small facet only what is noise beside itself is taken away.
+        let noise = f32::EPSILON * size;
+        place(at).map(|x| if x.abs() <= noise { 0 } else { x.to_bits() })
+    })
+}
+
+/// For every corner of so many the first one with the same key.
+fn first_of_same(count: u32, key: impl Fn(u32) -> [u32; 3] + Sync + Send) -> Vec<u32> {
+    let keys = (0..count).into_par_iter().map(|at| (key(at), at));
+    let mut order: Vec<([u32; 3], u32)> = keys.collect();
+    order.par_sort_unstable();
+    let mut first = vec![0; order.len()];
+    for same in order.chunk_by(|a, b| a.0 == b.0) {
+        for &(_, at) in same {
+            first[at as usize] = same[0].1;
+        }
+    }
+    first
 }

@@ -155,6 +155,35 @@ fn stl_far_from_its_origin_keeps_every_bit_and_its_own_corners() {
     }
 }
 
+/// At the size of the one that is far out all others would be smaller than the last bit.
+#[test]
+fn a_facet_far_out_in_an_stl_leaves_the_others_their_corners() {
+    let facet = |corners: [[f64; 3]; 3]| {
+        let corners = corners.map(|[x, y, z]| format!("vertex {x:e} {y:e} {z:e}\n"));
+        let corners = corners.concat();
+        format!("facet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\n")
+    };
+    let mut sheet = String::new();
+    for (i, j) in (0..10).flat_map(|i| (0..10).map(move |j| (i, j))) {
+        let at =
+            |i: i32, j: i32, noise: f64| [0.1 * f64::from(i) + noise, 0.1 * f64::from(j), noise];
+        sheet += &facet([at(i, j, 0.0), at(i + 1, j, 0.0), at(i + 1, j + 1, 0.0)]);
+        // With noise where the other facet has 0.
+        sheet += &facet([
+            at(i, j, 1e-17),
+            at(i + 1, j + 1, 1e-17),
+            at(i, j + 1, 1e-17),
+        ]);
+    }
+    for far in [10.0, 1e4, 1e9, 1e30] {
+        let outer = facet([[far, 0.0, 0.0], [far, far, 0.0], [0.0, far, far]]);
+        let text = format!("solid sheet\n{sheet}{outer}endsolid\n");
+        let mesh = triangles_of(text.as_bytes(), "stl").unwrap();
+        assert_eq!(mesh.triangles.len(), 201);
+        assert_eq!(mesh.positions.len(), 11 * 11 + 3, "{far:e}");
+    }
+}
+
 /// Paths of Windows end so.
 #[test]
 fn a_comment_that_ends_in_a_backslash_leaves_the_next_line() {
@@ -463,10 +492,41 @@ fn a_split_of_too_large_a_fan_is_not_called_wrong() {
     assert!(refused.contains("more than the 512 faces"), "{refused}");
 }
 
+#[test]
+fn a_cdpm_that_is_cut_off_is_no_coarser_mesh() {
+    let whole = include_bytes!("../../../tests/corpus/torus.cdpm");
+    assert_eq!(triangles_of(whole, "cdpm").unwrap().triangles.len(), 120);
+    let text = std::str::from_utf8(whole).unwrap().trim_end();
+    for length in 0..text.len() {
+        let cut = read_mesh_bytes(&whole[..length], MeshFormat::Thesis);
+        assert!(cut.is_err(), "cut behind {length} bytes");
+    }
+    let last = text.rfind('\n').unwrap();
+    let sentence = triangles_of(&whole[..last], "cdpm")
+        .unwrap_err()
+        .to_string();
+    assert!(
+        sentence.contains("announces 48 splits and holds 47"),
+        "{sentence}"
+    );
+    // Without the counts, what is left of the last split still tells.
+    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let lines: Vec<&str> = lines.collect();
+    let text = lines.join("\n");
+    let read = |text: &str| read_mesh_bytes(text.as_bytes(), MeshFormat::Thesis);
+    assert_eq!(read(&text).unwrap().triangles.len(), 120);
+    let cut = &text[..text.rfind(' ').unwrap()];
+    assert!(read(cut).is_err(), "{cut}");
+    // Nor may a face be listed twice instead.
+    let groups = cut.rfind('&').unwrap();
+    let face = cut[groups..].split(' ').nth(2).unwrap();
+    assert!(read(&format!("{cut} {face}")).is_err());
+}
+
 /// The figures of appendix A, with the base faces that its first split needs.
 #[test]
 fn a_cdpm_refines_as_printed_in_the_thesis() {
-    let text = "# 3D model: 5804 faces 2904 vertices 2896 VSPs\n# Base Mesh: 10 faces 8 vertices\n\
+    let text = "# 3D model: 12 faces 9 vertices 1 VSPs\n# Base Mesh: 10 faces 8 vertices\n\
         v 0.0250617 0.0799181 -0.159895\nv 0.38019 0.230182 -0.0215354\n\
         v 0.108728 -0.155195 0.0126244\n\
         v -0.433037 0.231398 0.0454415\nv -0.357951 -0.143089 -0.116849\n\

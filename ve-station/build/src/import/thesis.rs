@@ -2,7 +2,7 @@
 //!
 //! | line | CDPM | SPM |
 //! |---|---|---|
-//! | `#` | the counts, in words | the same |
+//! | `#` | the counts, in words; checked where they are there | the same, not read |
 //! | `b`, `$` | - | faces and vertices of the base mesh; faces, vertices, splits; the cells follow on lines of numbers |
 //! | `v` | x y z | number x y z |
 //! | `f` | three vertices | number, three vertices, leaf code |
@@ -83,6 +83,16 @@ impl<'a, I: Iterator<Item = &'a str>> Fields<'a, I> {
 
 fn sum(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+/// Refuses a text that does not hold as many as it says.
+fn check_count(what: &str, announced: u64, there: usize) -> Result<(), BuildError> {
+    if announced == there as u64 {
+        return Ok(());
+    }
+    Err(refused(&format!(
+        "it announces {announced} {what} and holds {there}: copy or export it again"
+    )))
 }
 
 /// What has neither faces nor vertices is no such file.

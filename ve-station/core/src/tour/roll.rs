@@ -3,7 +3,8 @@
 
 use super::Draw;
 use crate::tuning::tour::{
-    JUMP_STEPS, MAX_LINE_STEPS, MAX_TURNS, OVERHANG_COSINE, TURN_LENGTH_RADII, TURNED_OVER_COSINE,
+    JUMP_RADII, JUMP_STEPS, MAX_LINE_STEPS, MAX_TURNS, OVERHANG_COSINE, TURN_LENGTH_RADII,
+    TURNED_OVER_COSINE,
 };
 use geometry::portable::about;
 use glam::DVec3;
@@ -195,7 +196,8 @@ impl Slide {
         let next = ball
             .touch(file, here.centre + self.heading * ball.step)
             .unwrap_or(None);
-        let jumped = next.is_none_or(|n| n.surface.distance(here.surface) > JUMP_STEPS * ball.step);
+        let farthest = (JUMP_STEPS * ball.step).max(JUMP_RADII * ball.radius);
+        let jumped = next.is_none_or(|n| n.surface.distance(here.surface) > farthest);
         let back = self.path.len().saturating_sub(self.lookback);
         let turned_over = next.is_some_and(|n| {
             n.upright < OVERHANG_COSINE

@@ -2,7 +2,7 @@ use super::*;
 use crate::testing::{Counted, model, model_bytes};
 use spm::write_spm;
 use spm_builder::generate::Shape;
-use spm_builder::{BuildOptions, NoProgress, build_model, read_mesh};
+use spm_builder::{BuildOptions, NoProgress, SoupMesh, build_model, read_mesh};
 use std::io::Write as _;
 use std::path::Path;
 use std::sync::atomic::Ordering;
@@ -100,7 +100,7 @@ fn a_step_is_a_small_part_of_a_touch_and_steps_of_two_tours_may_alternate() {
 #[test]
 fn a_tour_is_as_long_as_asked_and_no_faster() {
     for (shape, file) in shapes() {
-        for seconds in [0.001, 1.0, 12.3456] {
+        for seconds in [0.001, 0.07, 1.0, 1.11, 12.3456] {
             let ask = ask(&file, 5, seconds);
             let points = make_tour(&file, ask).unwrap();
             assert_eq!(points[0].t, 0.0);
@@ -270,18 +270,113 @@ fn numbers_out_of_range_are_refused() {
     let with = |change: &dyn Fn(&mut TourAsk)| {
         let mut ask = good;
         change(&mut ask);
-        Tour::new(&file, ask).map(|_| ()).unwrap_err()
+        let refused = Tour::new(&file, ask).map(|_| ()).unwrap_err();
+        assert_eq!(refused.refusal(), Refusal::Tour);
+        refused.to_string()
+    };
+    let says = |sentence: String, expected: &str| {
+        assert!(sentence.contains(expected), "{sentence}");
+        // No number that is fine is blamed.
+        let names = ["seconds", "speed", "depth", "radius"];
+        let named = names.iter().filter(|&&name| sentence.contains(name));
+        assert_eq!(named.count(), 1, "{sentence}");
     };
     for bad in [f64::NAN, f64::INFINITY, -1.0, f64::NEG_INFINITY] {
-        assert_eq!(with(&|a| a.seconds = bad), TourError::Numbers);
-        assert_eq!(with(&|a| a.speed = bad), TourError::Numbers);
-        assert_eq!(with(&|a| a.depth = bad), TourError::Numbers);
-        assert_eq!(with(&|a| a.radius = bad), TourError::Numbers);
+        says(with(&|a| a.seconds = bad), &format!("it is {bad} seconds"));
+        says(with(&|a| a.speed = bad), "its speed is");
+        says(with(&|a| a.depth = bad), "its depth is");
+        says(with(&|a| a.radius = bad), "its radius of the probe is");
     }
-    assert_eq!(with(&|a| a.speed = 0.0), TourError::Numbers);
-    assert_eq!(with(&|a| a.speed = 1e300), TourError::Numbers);
-    assert_eq!(with(&|a| a.seconds = 0.0), TourError::Numbers);
-    assert_eq!(with(&|a| a.radius = 1e9), TourError::Numbers);
+    says(with(&|a| a.speed = 0.0), "its speed is 0");
+    says(with(&|a| a.speed = 1e300), "its speed is");
+    says(with(&|a| a.seconds = 0.0), "it is 0 seconds");
+    says(with(&|a| a.radius = 1e9), "its radius of the probe is");
+    // 2 mm of a model of 1.5 mm.
+    let header = file.model_header();
+    let side = (DVec3::from_array(header.upper) - DVec3::from_array(header.lower)).max_element();
+    says(
+        with(&|a| a.depth = side * (2.0 / 1.5)),
+        "its depth is 1.333e0 lengths of the model: make it at least 0 and at most 1",
+    );
+}
+
+/// A sheet of 40 strips that rise and fall by 30 degrees, so that every second edge is concave.
+fn folded_sheet() -> SpmFile<Vec<u8>> {
+    let (columns, rows) = (40u32, 10u32);
+    let mut mesh = SoupMesh::default();
+    for j in 0..=rows {
+        for i in 0..=columns {
+            let height = f64::from(i % 2) * 0.05 / 3f64.sqrt();
+            let position = [0.05 * f64::from(i), 0.1 * f64::from(j), height];
+            mesh.positions.push(position);
+        }
+    }
+    for j in 0..rows {
+        for i in 0..columns {
+            let a = j * (columns + 1) + i;
+            let (b, c, d) = (a + 1, a + columns + 2, a + columns + 1);
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+    let options = BuildOptions {
+        base_faces: Some(100),
+        regions: Some(4),
+    };
+    let parts = build_model(mesh, &options, &NoProgress).unwrap();
+    let mut bytes = Vec::new();
+    write_spm(&parts, &mut bytes).unwrap();
+    SpmFile::open(bytes).unwrap()
+}
+
+/// Where it rolls from one face to the other its contact moves by the radius, twenty steps.
+#[test]
+fn a_slow_ball_rolls_through_a_concave_edge() {
+    let file = folded_sheet();
+    let header = file.model_header();
+    let [lower, upper] = [header.lower, header.upper].map(DVec3::from_array);
+    let ball = Ball {
+        radius: 0.008,
+        step: 0.0004,
+        lower,
+        upper,
+    };
+    let from = (lower + upper) * 0.5 + DVec3::new(0.02, 0.0, 0.04);
+    let is_far = |seed: &u64| {
+        let mut draw = Draw(Xoshiro256PlusPlus::seed_from_u64(*seed));
+        let start = ball.touch(&file, from).unwrap().unwrap();
+        let mut slide = Slide::new(&ball, start, 1.0, &mut draw);
+        while slide.step(&ball, &file, &mut draw) {}
+        let places = slide.into_path().into_iter().map(|of| of.surface.x);
+        let ends = (f64::INFINITY, f64::NEG_INFINITY);
+        let (low, high) = places.fold(ends, |(low, high), x| (low.min(x), high.max(x)));
+        // Between two concave edges there is 0.1.
+        high - low > 0.15
+    };
+    let far = (0..6u64).filter(is_far).count();
+    assert!(far >= 4, "{far} of 6 slides get over a concave edge");
+}
+
+/// At 3 mm/s the height of a fast tour, an eighth of the model, would take 6 s.
+#[test]
+fn a_slow_tour_touches_soon_and_goes_on_touching() {
+    for (shape, file) in shapes() {
+        let (mut touching, mut all) = (0, 0);
+        for seed in 0..3 {
+            let fast = ask(&file, seed, 60.0);
+            let slow = TourAsk {
+                speed: 0.03 * fast.speed,
+                ..fast
+            };
+            let points = walk(&file, slow);
+            let mut slides = points.iter().filter(|(_, leg)| *leg == Leg::Slide);
+            let first = slides.next().unwrap().0.t;
+            assert!(first < 2.0, "{shape} {seed}: {first}");
+            touching += 1 + slides.count();
+            all += points.len();
+        }
+        let share = touching as f64 / all as f64;
+        assert!(share > 0.2, "{shape}: {share} of the time in contact");
+    }
 }
 
 #[test]

@@ -26,6 +26,9 @@ pub struct Space {
     pub outside: f64,
     /// Height above the surface for moves between touches.
     pub hover: f64,
+    /// The next touch is looked for within about a third of this: the longest side, and less for a
+    /// slow tour, in proportion to its height.
+    pub reach: f64,
 }
 
 /// A place for a touch.
@@ -151,7 +154,7 @@ impl Choice {
             self.tries -= 1;
             self.next = match self.last {
                 Some(last) => {
-                    let away = draw.direction() * draw.between(0.05, 0.35) * space.size;
+                    let away = draw.direction() * draw.between(0.05, 0.35) * space.reach;
                     Look::Below(last.contact.centre + away)
                 }
                 None => Look::Face {

@@ -10,7 +10,7 @@
 //! So what a split does to the faces round vs follows from the neighbours, as in [`ActiveMesh`],
 //! which does it.
 
-use super::{Fields, keyword_lines, refused, sum};
+use super::{Fields, check_count, keyword_lines, refused, sum};
 use crate::edges::neighbours;
 use crate::error::BuildError;
 use crate::mesh::SoupMesh;
@@ -110,15 +110,6 @@ fn check_counts(read: &Text) -> Result<(), BuildError> {
     check_count("faces of the base mesh", faces, read.base_faces.len())?;
     check_count("vertices of the base mesh", vertices, own)?;
     check_count("splits", splits, read.splits.len())
-}
-
-fn check_count(what: &str, announced: u64, there: usize) -> Result<(), BuildError> {
-    if announced == there as u64 {
-        return Ok(());
-    }
-    Err(refused(&format!(
-        "it announces {announced} {what} and holds {there}: copy or export it again"
-    )))
 }
 
 /// `number x y z`.
