@@ -3,7 +3,8 @@
 use realtime::rights::{monotonic_ns, thread_cpu_ns};
 
 /// Two clocks: wall time has the time of other processes in it, processor time takes long to be
-/// read. A piece of work took no more than the smaller of the two.
+/// read, and now and then longer than it took when that was measured. So wall time counts, unless
+/// processor time says that others ran meanwhile.
 #[derive(Debug, Clone, Copy)]
 pub struct Clocks {
     /// What reading both takes, nanoseconds of each.
@@ -59,8 +60,16 @@ impl Clocks {
     /// Nanoseconds of the work since then.
     #[must_use]
     pub fn since(self, start: Reading) -> f64 {
-        let taken = start.taken();
+        self.work(start.taken())
+    }
+
+    /// What of the differences of the clocks is the work.
+    fn work(self, taken: Reading) -> f64 {
         let wall = taken.wall.saturating_sub(self.costs.wall);
+        // Processor time is read around wall time: only where others ran is less of it.
+        if taken.cpu >= taken.wall {
+            return wall as f64;
+        }
         let cpu = taken.cpu.saturating_sub(self.costs.cpu);
         wall.min(cpu) as f64
     }
@@ -87,6 +96,21 @@ mod tests {
     use super::*;
     use crate::report::quantile::{quantile, sort};
     use realtime::rights::sleep_until_ns;
+
+    /// The costs were measured while processor time took thrice as long to be read.
+    #[test]
+    fn a_slow_moment_of_the_calibration_is_not_taken_off_the_work() {
+        let costs = Reading {
+            wall: 25,
+            cpu: 1500,
+        };
+        let clocks = Clocks { costs };
+        let of = |wall, cpu| clocks.work(Reading { wall, cpu });
+        assert_eq!(of(325, 800), 300.0);
+        // Others ran for a millisecond.
+        assert_eq!(of(1_002_025, 2300), 800.0);
+        assert_eq!(of(10, 500), 0.0);
+    }
 
     #[test]
     fn time_of_others_is_not_counted_and_work_is() {

@@ -9,7 +9,9 @@ use geometry::Wrench;
 use haptic_device::{COMMAND_VALIDITY_S, DegreesOfFreedom, Sample, WrenchCommand};
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
-use hrtc_core::{Controller, StageObserver, TickInputs, TickOutputs};
+use hrtc_core::{
+    Controller, ControllerOptions, StageObserver, TickInputs, TickOutputs, WrenchLimits,
+};
 use protocol::{ChunkHeader, ChunkKind};
 use realtime::counting_allocator::count;
 use scene::{CacheTimetable, ScenePlan, TrajectoryPlan};
@@ -63,8 +65,11 @@ pub enum Drive<'a> {
 /// The controller of a client before its first tick; a recording of the client plays through it.
 #[must_use]
 pub fn new_controller(plan: &ScenePlan, options: &ClientOptions) -> Controller {
-    let mut controller =
-        Controller::new(plan, options.identity, options.device_max_n, options.tour_s);
+    let of_devices = ControllerOptions {
+        limits: &[WrenchLimits::of_force(options.device_max_n)],
+        tour_seconds: options.tour_s,
+    };
+    let mut controller = Controller::new(plan, options.identity, of_devices);
     if options.station_is_far {
         controller.station_is_far();
     }
@@ -119,6 +124,7 @@ impl Client {
             ..
         } = options;
         let controller = new_controller(plan, &options);
+        let outputs = controller.new_outputs();
         let period_s = 1.0 / plan.loop_.rate_hz;
         let hands = plan.probes.iter().map(|probe| {
             let hand = Hand::new(probe.device, period_s);
@@ -137,7 +143,7 @@ impl Client {
             arrived: Vec::new(),
             station: 0,
             samples: Vec::with_capacity(plan.probes.len()),
-            outputs: TickOutputs::new(plan.probes.len()),
+            outputs,
             summary: Summary::default(),
             recording: None,
             cache_changes: CacheTimetable::new(Arc::clone(&plan.cache_changes)),

@@ -120,7 +120,7 @@ impl<'a> Playback<'a> {
     pub fn new(recording: &'a InputRecording, controller: Controller) -> Self {
         Self {
             recording,
-            outputs: TickOutputs::new(controller.probes()),
+            outputs: controller.new_outputs(),
             controller,
             next: 0,
             samples: 0,

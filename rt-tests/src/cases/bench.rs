@@ -9,7 +9,7 @@ use haptic_device::Sample;
 use hrtc_core::bodies::Body;
 use hrtc_core::contact::query::Surface;
 use hrtc_core::record::CoreRecord;
-use hrtc_core::{Controller, NoObserver};
+use hrtc_core::{Controller, ControllerOptions, NoObserver, WrenchLimits};
 use protocol::Request;
 use scene::{ProbeShape, ScenePlan};
 use simulator::{Client, InputRecording, Playback, STATION, Simulation};
@@ -446,8 +446,11 @@ impl Bench {
     #[must_use]
     pub fn replay(&self, recording: &InputRecording) -> Vec<bool> {
         let options = self.setup.client_options();
-        let (identity, most_n) = (options.identity, options.device_max_n);
-        let mut controller = Controller::new(&self.plan, identity, most_n, options.tour_s);
+        let of_devices = ControllerOptions {
+            limits: &[WrenchLimits::of_force(options.device_max_n)],
+            tour_seconds: options.tour_s,
+        };
+        let mut controller = Controller::new(&self.plan, options.identity, of_devices);
         for probe in 0..self.setup.probes {
             controller.set_motion_limits(probe, self.setup.motion_limits());
         }

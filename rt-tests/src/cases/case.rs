@@ -42,6 +42,8 @@ pub struct Case {
     pub departs: &'static [(Departure, &'static str)],
     /// Why it is known not to keep to its limit; "" where it does.
     pub open: &'static str,
+    /// Where it is open, what it is known to come to at the most: beyond it fails. Else 0.
+    pub known: f64,
     /// The fault in the product under which it must fail.
     pub mutant: Mutant,
     /// Runs it.
@@ -67,9 +69,16 @@ impl Case {
             probe: ProbeOfCase::Ball,
             departs: &[],
             open: "",
+            known: 0.0,
             mutant,
             run,
         }
+    }
+
+    /// What it is known to come to at the most, where it is known not to keep to its limit.
+    #[must_use]
+    pub fn known(&self) -> Option<f64> {
+        (!self.open.is_empty()).then_some(self.known)
     }
 
     /// A trial of it from a source of all that is random.

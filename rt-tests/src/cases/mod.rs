@@ -23,6 +23,7 @@
 //! | [`mod@bench`], [`mod@setup`], [`mod@device`], `shapes`, `tool_shapes` | a controller that touches one mesh; meshes |
 //! | [`contender`] | other proxies in place of the product's |
 //! | `changes` | changes of a force, and what is not felt of them |
+//! | `slides` | slides along a surface: how the force changes, and that it is there |
 //! | [`held_tool`] | a tool in a hand, the loop closed in six degrees of freedom |
 //! | [`mod@case`] | a case, the size of its run, its result |
 
@@ -44,6 +45,7 @@ mod rotation;
 pub mod setup;
 mod shapes;
 mod sheets;
+mod slides;
 mod station;
 mod toggles;
 mod tool_shapes;

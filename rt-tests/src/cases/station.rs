@@ -1,7 +1,7 @@
 //! A station that goes away, and a cache that is too small: what is touched stays.
 
 use super::bench::{Bench, model};
-use super::case::{Case, Found, ProbeOfCase, Trial};
+use super::case::{Case, Found, ProbeOfCase, Trial, positive};
 use super::setup::{Departure, Setup};
 use crate::failure::Failure;
 use crate::models::surface::Surface;
@@ -23,6 +23,9 @@ const FACES: u32 = 150_000;
 /// Depth of a slide below the surface, metres. A coarse front is mostly off by less (certified
 /// error at the contact 0 to 2 mm, 7 mm at the most), so that a touch stays one.
 const DEPTH_M: f64 = 5e-3;
+/// Share of the twin's force that must be left: a front that is coarser by 2 mm than the twin's
+/// leaves 3 mm of the depth, 0.6; the account may have a part of that, or a tilted face.
+const KEPT_SHARE: f64 = 0.5;
 /// Time of a round, milliseconds: the station is away in the second half of it.
 const ROUND_MS: u64 = 4000;
 
@@ -45,7 +48,7 @@ pub const CASES: &[Case] = &[
     Case {
         facts: FACTS,
         runs: "a slide at 0.1 m/s, the station killed and another started, 2 of 4 s; 50 rounds; twin and slide \
-               within the slew limit",
+               within the slew limit; tick by tick",
         ..Case::of(RESTART, 1.0, Mutant::Silence, restarted_station)
     },
     Case {
@@ -66,6 +69,9 @@ pub const CASES: &[Case] = &[
     Case {
         facts: FACTS,
         runs: "the same, a capsule upright",
+        open: "without a restart this tool has steps of 1.30 of what is not felt, where refinement in 2 MiB comes late; \
+               after one at most 0.2 more, 1.19",
+        known: 1.5,
         probe: ProbeOfCase::Tool,
         departs: SMALL_LOSSY,
         ..Case::of(
@@ -84,7 +90,7 @@ pub const CASES: &[Case] = &[
 const RESTART: [&str; 3] = [
     "station-restart",
     "15",
-    "change of force in a tick over max(0.05 N, 7 %), less 1.5 of the twin's",
+    "change of force in a tick beyond K times the motion, over max(0.05 N, 7 %), less the twin's there",
 ];
 
 /// Case 15: change of the force, newtons, the largest, of a resting touch while the station is
@@ -118,10 +124,11 @@ fn silent_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Fail
 }
 
 /// Case 15: the change of force in a tick of a touch that slides on while its station is killed and
-/// another one started, beyond that of a twin whose station lives, over what is not felt; infinite
-/// where the contact has no certified bound, a tick does more than its budget, a force changes
-/// faster than the slew limit lets it, the twin's too, or a small cache evicts nothing. Logged of
-/// the twin: its largest step, as a whole and beyond what its own motion explains.
+/// another one started, beyond stiffness times the device's motion, over what is not felt, less
+/// that of a twin whose station lives, in the same tick; infinite where the contact has no
+/// certified bound, a tick does more than its budget, a force changes faster than the slew limit
+/// lets it, the twin's too, or a small cache evicts nothing. Logged of the twin: its largest step,
+/// as a whole and beyond what its own motion explains.
 fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure> {
     let mesh = generate(Shape::Relief, FACES, 1);
     let corner = |v: u32| DVec3::from_array(mesh.positions[v as usize]);
@@ -137,30 +144,54 @@ fn restarted_station(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, F
     let twin = slide(&bytes, &full, defaults, ticks, None)?;
     let alone = slide(&bytes, &full, defaults, ticks, Some(&mut found))?;
     found.must(twin.slew <= 1.0 + 1e-9 && alone.slew <= 1.0 + 1e-9);
-    let steps = twin.ticks.iter();
-    let felt = steps.fold(0.0, |most, &(step, _)| max_or_nan(most, step));
     let mut least = -1.0;
-    for (&(step, force), &(_, beside)) in alone.ticks.iter().zip(&twin.ticks) {
-        // The largest over other faces: a coarse front is another surface.
-        found.most(step - 1.5 * felt);
+    for (step, beside) in alone.ticks.iter().zip(&twin.ticks) {
+        found.most(step.beyond(beside));
+        let (force, beside) = (step.force_n, beside.force_n);
         let kept = if beside > 0.0 { force / beside } else { 1.0 };
         least = max_or_nan(least, -kept);
-        found.must(force > 0.5 * beside);
+        found.must(force > KEPT_SHARE * beside);
     }
-    found.log("largest step of the twin, over what is not felt", felt);
-    found.log("the same beyond its own motion", twin.beyond_motion);
+    let most = |ticks: &[Tick], of: fn(&Tick) -> f64| ticks.iter().map(of).fold(0.0, max_or_nan);
+    let steps = [
+        (
+            "largest step of the twin, over what is not felt",
+            &twin.ticks,
+        ),
+        ("largest step, over what is not felt", &alone.ticks),
+    ];
+    for (name, ticks) in steps {
+        found.log(name, most(ticks, |tick| tick.step));
+    }
+    let own = "largest step of the twin beyond its own motion";
+    found.log(own, most(&twin.ticks, |tick| tick.beyond_motion));
     found.log("least force beside the twin's", -least);
     Ok(found)
 }
 
+/// A tick of a slide.
+struct Tick {
+    /// The change of its force, over what is not felt.
+    step: f64,
+    /// The same beyond stiffness times the device's motion; negative where that explains more.
+    beyond_motion: f64,
+    /// Its force, newtons.
+    force_n: f64,
+}
+
+impl Tick {
+    /// The change beyond the motion that the twin does not have in the same tick. What the motion
+    /// explains of the twin's excuses nothing. Not a number where either is none.
+    fn beyond(&self, twin: &Self) -> f64 {
+        self.beyond_motion - positive(twin.beyond_motion)
+    }
+}
+
 /// What a slide was like.
 struct Slide {
-    /// The change of force in each tick, over what is not felt, and the force, newtons.
-    ticks: Vec<(f64, f64)>,
+    ticks: Vec<Tick>,
     /// The largest change of force in a tick, over the slew limit.
     slew: f64,
-    /// The same over what is not felt, beyond stiffness times the device's motion.
-    beyond_motion: f64,
 }
 
 /// A slide around a body. With `found` the station is killed and started again, and what is asked
@@ -178,7 +209,6 @@ fn slide(
     let mut slide = Slide {
         ticks: Vec::with_capacity(ticks as usize),
         slew: 0.0,
-        beyond_motion: 0.0,
     };
     let round = setup.ticks(ROUND_MS);
     bench.settle(DVec3::Z * setup.size_m)?;
@@ -207,10 +237,12 @@ fn slide(
         let allowed = setup.unfelt_n(before.length());
         let step_n = response.force.distance(before);
         let own_n = setup.stiffness_n_per_m * now.distance(last);
-        let force_n = response.force.length();
-        slide.ticks.push((step_n / allowed, force_n));
+        slide.ticks.push(Tick {
+            step: step_n / allowed,
+            beyond_motion: (step_n - own_n) / allowed,
+            force_n: response.force.length(),
+        });
         slide.slew = max_or_nan(slide.slew, step_n / slew_n);
-        slide.beyond_motion = max_or_nan(slide.beyond_motion, (step_n - own_n) / allowed);
         (before, last) = (response.force, now);
         evicted = response.record.evicted;
         if let Some(found) = &mut found {
@@ -237,4 +269,31 @@ fn below((full, unit_m): (&Surface, f64), out: DVec3, size_m: f64) -> DVec3 {
         }
     }
     at - out * DEPTH_M
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_is_beside_that_of_the_twin_in_the_same_tick() {
+        let of = |beyond_motion: f64| Tick {
+            step: beyond_motion + 0.5,
+            beyond_motion,
+            force_n: 5.0,
+        };
+        let beyond = |alone: &[f64], twin: &[f64]| {
+            let mut found = Found::new(0.0);
+            for (&a, &b) in alone.iter().zip(twin) {
+                found.most(of(a).beyond(&of(b)));
+            }
+            found.value
+        };
+        // The twin's large step is elsewhere, and excuses nothing; here it does.
+        assert_eq!(beyond(&[0.0, 2.0], &[1.5, 0.0]), 2.0);
+        assert_eq!(beyond(&[2.0, 0.0], &[1.5, 0.0]), 0.5);
+        // Nor does a twin whose motion explains more than its step.
+        assert_eq!(beyond(&[0.75], &[-2.0]), 0.75);
+        assert_eq!(beyond(&[0.0], &[f64::NAN]), f64::INFINITY);
+    }
 }

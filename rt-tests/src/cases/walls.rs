@@ -147,7 +147,7 @@ pub const UNLIMITED: &str = "the account alone, without what the limits of force
 const BOUNCE_TICKS: u32 = 4000;
 /// Share of the force that is due at the deepest which a bounce must have had: the limit of slew
 /// and the energy account leave 0.74 of it at 40 kN/m and 4 kHz, and more elsewhere.
-const PUSHED_SHARE: f64 = 0.5;
+pub(super) const PUSHED_SHARE: f64 = 0.5;
 
 /// What a bounce off a wall did.
 pub struct Bounce {

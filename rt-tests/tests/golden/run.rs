@@ -8,7 +8,7 @@ use haptic_device::{Device, Sample, TickTime, WrenchCommand};
 use hrtc_core::script::Script;
 use hrtc_core::streaming::chunk::InboxChunk;
 use hrtc_core::streaming::subscriber::Identity;
-use hrtc_core::{Controller, NoObserver, TickInputs, TickOutputs};
+use hrtc_core::{Controller, ControllerOptions, NoObserver, TickInputs, WrenchLimits};
 use protocol::{ContactReport, Request};
 use scene::{Overrides, ProbePlan, ScenePlan, TrajectoryPlan, load};
 use scene_files::DiskFiles;
@@ -26,10 +26,11 @@ const DELAY: u64 = 2;
 const INBOX: usize = 64;
 /// Incarnation of the station.
 const STATION: u64 = 100;
-/// What every device can render, newtons.
-const DEVICE_MAX_N: f64 = 10.0;
-/// Length of the tours, seconds.
-const TOUR_S: f64 = 4.0;
+/// What every device can render, and the length of the tours.
+const OPTIONS: ControllerOptions<'_> = ControllerOptions {
+    limits: &[WrenchLimits::of_force(10.0)],
+    tour_seconds: 4.0,
+};
 const IDENTITY: Identity = Identity {
     client: 7,
     incarnation: 8,
@@ -86,9 +87,9 @@ impl Scene {
 pub fn run(scene: &Scene) -> (Vec<[Digest; PARTS.len()]>, Tally) {
     let path = folder().join(format!("{}.toml", scene.name));
     let plan = load(&path, &Overrides::default(), &DiskFiles).expect("the scene is good");
-    let mut controller = Controller::new(&plan, IDENTITY, DEVICE_MAX_N, TOUR_S);
+    let mut controller = Controller::new(&plan, IDENTITY, OPTIONS);
     let mut station = station(&plan, scene.flipped);
-    let mut outputs = TickOutputs::new(plan.probes.len());
+    let mut outputs = controller.new_outputs();
     let mut hands: Vec<Hand> = plan.probes.iter().map(|of| Hand::new(of, &plan)).collect();
     let mut orders = Orders::default();
     let mut requests: Line<Request> = Line::new(1);
@@ -113,7 +114,7 @@ pub fn run(scene: &Scene) -> (Vec<[Digest; PARTS.len()]>, Tally) {
                 station.handle(Message::Contact(&report));
             }
         }
-        station.tell_time(1000 * tick as u32);
+        station.tell_time((1000 * tick) as u32);
         while is_heard && let Some((header, slots)) = station.poll(IDENTITY.client) {
             let mut chunk = InboxChunk { header, slots };
             sent += 1;

@@ -71,6 +71,7 @@ impl World {
             incarnation: options.identity.incarnation,
             max_force_n: options.device_max_n,
             max_torque_nm: f64::MAX,
+            wrench_limits: vec![[options.device_max_n, f64::MAX]],
             position_resolutions_m: plan.probes.iter().map(|of| of.device.encoder_m).collect(),
             orientation_resolutions_rad: Vec::new(),
             renders_torque: Vec::new(),
@@ -115,7 +116,7 @@ impl World {
     /// Gives every tick to `take`: its record, its outputs, the chunks that arrived before it.
     pub fn play(&self, mut take: impl FnMut(&TickRecord, &TickOutputs, &[InboxChunk])) {
         let mut controller = self.controller();
-        let mut outputs = TickOutputs::new(controller.probes());
+        let mut outputs = controller.new_outputs();
         let (mut consumed, mut seen) = (0, 0);
         let mut was_cut = false;
         for index in 0..self.recording.len() {

@@ -87,13 +87,14 @@ pub fn measure(
     let clocks = Clocks::new();
     let mut all = Contacts::default();
     let mut before = reference.rest.pose.position;
+    let mut energy = HeldEnergy::default();
     let mut stretches = Stretches::new(rounding);
     for (sample, exact) in reference.samples.iter().zip(&reference.ticks) {
         let outputs = simulation.step(Some(*sample));
         let (record, force) = (outputs.record, outputs.wrenches[0].force);
         let contact = outputs.contact();
         let moved = sample.pose.position - std::mem::replace(&mut before, sample.pose.position);
-        point.energy_j += (force - exact.force).dot(moved);
+        point.energy_j += energy.add(force - exact.force, moved);
         let mesh_bytes = simulation.client().mesh_bytes();
         point.measured_m = max_or_nan(point.measured_m, record.measured_error_m);
         if contact.is_some() || exact.contact.is_some() {
@@ -168,6 +169,21 @@ pub fn measure(
             .map(|tick| tick.contact.is_some())
             .collect(),
     })
+}
+
+/// Energy of forces that are held for a period: that of a tick acts over the motion to the next.
+#[derive(Debug, Default)]
+pub struct HeldEnergy {
+    /// Of the tick before, newtons.
+    held: DVec3,
+}
+
+impl HeldEnergy {
+    /// What the force of the tick before did over the motion to this one, joules; this one's force,
+    /// newtons, is held from now on. Over the first motion there is none.
+    pub fn add(&mut self, force: DVec3, moved: DVec3) -> f64 {
+        std::mem::replace(&mut self.held, force).dot(moved)
+    }
 }
 
 /// Length of a stretch of the contact's path, metres.
@@ -267,4 +283,18 @@ fn brute(model: &SceneModel, points: &[DVec3]) -> Result<f64, FileError> {
         apart = max_or_nan(apart, (closest.distance_squared.sqrt() - brute).abs());
     }
     Ok(apart * model.metres_per_unit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One newton along the first motion, two along the second, none along the third.
+    #[test]
+    fn a_force_does_its_work_over_the_motion_behind_its_tick() {
+        let mut energy = HeldEnergy::default();
+        let ticks = [(1.0, 0.5), (2.0, 0.1), (0.0, 0.2), (4.0, 0.3)];
+        let parts = ticks.map(|(force, moved)| energy.add(DVec3::X * force, DVec3::X * moved));
+        assert_eq!(parts, [0.0, 0.1, 0.4, 0.0]);
+    }
 }

@@ -23,22 +23,32 @@ type Closest<'a> = dyn Fn(DVec3) -> Option<DVec3> + 'a;
 struct Contact {
     /// Centre of the ball where it touches, model units.
     centre: DVec3,
-    /// The way of the device since the contact before, metres.
+    /// Motion of the device to the next sample, metres, over which the force of this one is held.
     moved: DVec3,
 }
 
 /// The contacts of a touch in which the force says where the centre is.
 fn contacts(model: &SceneModel, reference: &Reference) -> Vec<Contact> {
     let radius = model.plan.probes[0].shape.tip_m() / model.metres_per_unit;
-    let mut before = reference.rest.pose.position;
-    let ticks = reference.samples.iter().zip(&reference.ticks);
-    let found = ticks.filter_map(|(sample, tick)| {
-        let moved = sample.pose.position - std::mem::replace(&mut before, sample.pose.position);
+    let places: Vec<DVec3> = reference
+        .samples
+        .iter()
+        .map(|sample| sample.pose.position)
+        .collect();
+    let ticks = motions(&places).into_iter().zip(&reference.ticks);
+    let found = ticks.filter_map(|(moved, tick)| {
         let normal = tick.force.try_normalize()?;
         let centre = tick.contact? + normal * radius;
         Some(Contact { centre, moved })
     });
     found.collect()
+}
+
+/// The motion from each place to the next; none from the last.
+fn motions(places: &[DVec3]) -> Vec<DVec3> {
+    let next = places.iter().skip(1).chain(places.last());
+    let pairs = places.iter().zip(next);
+    pairs.map(|(&from, &to)| to - from).collect()
 }
 
 /// A setting for each precision: errors beside the file's own search in 64 bits, and the time of
@@ -130,5 +140,18 @@ fn errors(
         point.normal_deg = max_or_nan(point.normal_deg, degrees);
         point.force_n = max_or_nan(point.force_n, force.length());
         point.energy_j += force.dot(contact.moved);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_force_is_held_over_the_motion_to_the_next_sample() {
+        let places = [1.0, 3.0, 2.0].map(DVec3::splat);
+        assert_eq!(motions(&places), [2.0, -1.0, 0.0].map(DVec3::splat));
+        assert_eq!(motions(&places[..1]), [DVec3::ZERO]);
+        assert_eq!(motions(&[]), [DVec3::ZERO; 0]);
     }
 }

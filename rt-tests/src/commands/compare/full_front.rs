@@ -19,7 +19,8 @@ pub struct FullFront {
     tree: AbTree,
     /// Vertices of the front.
     vertices: usize,
-    /// Nanoseconds that it took to put every face into the tree and fit all boxes.
+    /// Nanoseconds that it took to put every face into the tree and fit all boxes. No build from
+    /// triangles: the leaf codes are in the file, where the builder has ordered the faces.
     pub build_ns: f64,
 }
 

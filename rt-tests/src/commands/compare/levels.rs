@@ -7,7 +7,7 @@
 
 use super::closest::touches;
 use super::full_front::FullFront;
-use super::timing::{Timed, time};
+use super::timing::{Caches, Timed, time_stretch};
 use super::tools::{MAX_PAIRS, Touch, new_tool, ours, refine};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
@@ -20,6 +20,7 @@ use hrtc_core::contact::query::{FacePair, PairWork, Surface, all_pairs};
 use hrtc_core::contact::tool::{Tool, ToolMesh, cylinder_mesh};
 use rand::Rng;
 use serde::Serialize;
+use std::ops::Range;
 
 /// A probe, and how far around the points touched it is refined, in mean edges of the full mesh.
 #[derive(Debug, Clone, Copy)]
@@ -98,18 +99,21 @@ impl Sums {
         }
     }
 
-    /// Adds poses on a front; `rebuilt` is a tree over its faces made anew.
+    /// Adds a stretch of the poses on a front; `rebuilt` is a tree over its faces made anew. On
+    /// every front each stretch begins behind the poses before it, since what forms a front, or
+    /// counts, leaves its faces in the caches.
     fn add(
         &mut self,
         surface: Surface<'_>,
         probe: &mut Tool,
-        poses: &[Touch],
+        (all, stretch): (&[Touch], Range<usize>),
         rebuilt: Option<&Tool>,
     ) {
         let mut out = vec![FacePair::NONE; MAX_PAIRS];
-        let mut query = |k: usize| ours(surface, probe, &poses[k].to_query, &mut out);
-        let timed = time(poses.len(), &mut [&mut query]);
-        timed.into_iter().for_each(|timed| self.timed.extend(timed));
+        let mut query = |k: usize| ours(surface, probe, &all[k].to_query, &mut out);
+        let timed = time_stretch(Caches::AsLeft, stretch.clone(), STRETCH, &mut query);
+        self.timed.extend(timed);
+        let poses = &all[stretch];
         for touch in poses {
             probe.place(&touch.to_query);
             self.work
@@ -144,6 +148,12 @@ fn rebuilt(model: &Model, surface: Surface<'_>) -> Result<Tool, Failure> {
     new_tool(model, &mesh)
 }
 
+/// The places of so many poses, a stretch after the other.
+fn stretches(poses: usize) -> impl Iterator<Item = Range<usize>> {
+    let starts = (0..poses).step_by(STRETCH);
+    starts.map(move |start| start..(start + STRETCH).min(poses))
+}
+
 /// The levels of a model.
 ///
 /// # Errors
@@ -172,22 +182,26 @@ pub fn levels(
         let front = FullFront::prefix(model, splits)?;
         let anew = rebuilt(model, front.surface())?;
         let mut sums = Sums::default();
-        sums.add(front.surface(), &mut probe, &poses, Some(&anew));
+        for stretch in stretches(poses.len()) {
+            sums.add(front.surface(), &mut probe, (&poses, stretch), Some(&anew));
+        }
         levels.push(sums.level(model, name));
     }
     let mut front = LocalFront::new(model)?;
     let mut sums = Sums::default();
-    for stretch in poses.chunks(STRETCH) {
-        refine(stretch, with.refined * edge, &mut front)?;
+    for stretch in stretches(poses.len()) {
+        refine(&poses[stretch.clone()], with.refined * edge, &mut front)?;
         let surface = Surface {
             mesh: front.cache().mesh(),
             tree: front.cache().tree(),
         };
-        sums.add(surface, &mut probe, stretch, None);
+        sums.add(surface, &mut probe, (&poses, stretch), None);
     }
     levels.push(sums.level(model, "local"));
     let mut sums = Sums::default();
-    sums.add(full_front.surface(), &mut probe, &poses, None);
+    for stretch in stretches(poses.len()) {
+        sums.add(full_front.surface(), &mut probe, (&poses, stretch), None);
+    }
     levels.push(sums.level(model, "full"));
     Ok(levels)
 }
@@ -255,6 +269,18 @@ pub fn words<'a>(levels: impl Iterator<Item = &'a Level>) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn every_pose_is_in_one_stretch() {
+        let all: Vec<Range<usize>> = stretches(2 * STRETCH + 1).collect();
+        assert!(
+            all.iter()
+                .all(|of| of.len() <= STRETCH && of.start % STRETCH == 0)
+        );
+        let poses: Vec<usize> = all.into_iter().flatten().collect();
+        assert_eq!(poses, (0..=2 * STRETCH).collect::<Vec<_>>());
+        assert_eq!(stretches(0).count(), 0);
+    }
 
     #[test]
     fn what_grows_faster_than_the_logarithm_is_told() {

@@ -13,7 +13,7 @@
 //! | `peers` | Embree and FCL, by a program of their own |
 //! | `row`, `limits` | nothing: what one contender took, and what ours may take |
 //! | `picture` | all of it as pictures |
-//! | `timing` | single queries, each put once, without the time of other processes |
+//! | `timing` | single queries, each timed once, without the time of other processes |
 //!
 //! Ours is measured twice: on the front as the controller forms it, refined around the tip and
 //! coarse elsewhere, and on the full mesh as any library gets it. Every answer is checked against
@@ -343,6 +343,13 @@ fn updates(model: &Model, seed: u64) -> Result<(Vec<Marking>, Vec<UpdateShare>),
     Ok((marking, marking::shares(model, &full, &mut random)?))
 }
 
+/// What the rows of the table cannot say of themselves.
+const NOTES: &str = "\
+build: ours puts faces into a tree whose order came with the file, made by the builder; a library \
+orders the triangles itself\n\
+tool240_pairs, tool960_pairs: all pairs that meet, anew at each pose; a tick collects the pairs near \
+its tool instead, and keeps them while it moves little\n";
+
 /// The tables of the terminal.
 fn words(found: &Compare) -> String {
     let heads = "task | model | who | faces | p50 ns | p99 ns | max ns | differ | memory";
@@ -365,7 +372,7 @@ fn words(found: &Compare) -> String {
             },
         ]);
     }
-    let mut text = table.to_string();
+    let mut text = format!("{table}{NOTES}");
     text += &marking::words(&found.marking, &found.update_share);
     text += &levels::words(found.levels.iter().chain(&found.growth_levels));
     if let Some(skipped) = levels::skipped(&found.growth_levels) {
@@ -443,6 +450,7 @@ mod tests {
         let found = measured().ended(Err(failure())).expect("a row is there");
         let text = words(&found);
         assert!(text.contains("cow.obj"), "{text}");
+        assert!(text.contains("order came with the file"), "{text}");
         assert!(text.contains("failed: b.obj: this is no mesh"), "{text}");
         assert_eq!(found.judge(), Err(Failure::Run(failure().to_string())));
         let whole = measured().ended(Ok(())).expect("nothing failed");

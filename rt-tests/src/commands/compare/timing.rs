@@ -1,4 +1,4 @@
-//! Times of single queries, nanoseconds each. Every query is put once, so that none finds in the
+//! Times of single queries, nanoseconds each. Every query is timed once, so that none finds in the
 //! caches what the same query left there.
 
 use crate::clocks::Clocks;
@@ -56,32 +56,56 @@ fn read(sweep: &[u8]) {
     black_box(lines.fold(0u8, |sum, &byte| sum.wrapping_add(byte)));
 }
 
-/// Puts `count` queries to each contender in turn, each once.
+/// Queries that are put to one contender before it is the turn of the next: what the machine does
+/// meanwhile meets all of them.
+const TURN: usize = 500;
+/// Queries before its turn that are put to a contender again, untimed: the others have filled the
+/// caches with what is theirs.
+const BEFORE_TURN: usize = 50;
+
+/// Puts `count` queries to each contender, in turns; each is timed once.
 pub fn time(count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
     time_with(Caches::AsLeft, count, contenders)
 }
 
 /// The same with the caches as asked for.
 pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
+    let mut all = vec![Timed::default(); contenders.len()];
+    let before = match contenders.len() {
+        1 => 0,
+        _ => BEFORE_TURN,
+    };
+    for first in (0..count).step_by(TURN) {
+        let turn = first..(first + TURN).min(count);
+        for (query, timed) in contenders.iter_mut().zip(&mut all) {
+            for k in first.saturating_sub(before)..first {
+                query(k);
+            }
+            timed.extend(time_one(caches, turn.clone(), *query));
+        }
+    }
+    all
+}
+
+/// Puts some queries in a row, each once. The clocks are measured anew: what reading them takes
+/// changes with the machine's load.
+fn time_one(caches: Caches, queries: Range<usize>, query: &mut Query<'_>) -> Timed {
     let clocks = Clocks::new();
     let sweep = match caches {
         Caches::AsLeft => Vec::new(),
         Caches::Swept => sweep(),
     };
-    let time_one = |query: &mut &mut Query<'_>| {
-        let mut timed = Timed {
-            ns: Vec::with_capacity(count),
-            answers: Vec::with_capacity(count),
-        };
-        for k in 0..count {
-            read(&sweep);
-            let (ns, answer) = clocks.time(|| query(k));
-            timed.ns.push(ns);
-            timed.answers.push(answer);
-        }
-        timed
+    let mut timed = Timed {
+        ns: Vec::with_capacity(queries.len()),
+        answers: Vec::with_capacity(queries.len()),
     };
-    contenders.iter_mut().map(time_one).collect()
+    for k in queries {
+        read(&sweep);
+        let (ns, answer) = clocks.time(|| query(k));
+        timed.ns.push(ns);
+        timed.answers.push(answer);
+    }
+    timed
 }
 
 /// Puts the queries of a stretch, each once, by their places among all. As where all are put in a
@@ -99,8 +123,7 @@ pub fn time_stretch(
     for k in first.saturating_sub(before)..=first.saturating_sub(1) {
         query(k);
     }
-    let mut of_stretch = |k: usize| query(first + k);
-    time_with(caches, stretch.len(), &mut [&mut of_stretch]).swap_remove(0)
+    time_one(caches, stretch, query)
 }
 
 #[cfg(test)]
@@ -130,6 +153,27 @@ mod tests {
                 .iter()
                 .all(|t| t.ns.len() == 10 && t.ns.iter().all(|ns| *ns >= 0.0))
         );
+    }
+
+    /// Each gets all in order; after the first turn some before its turn once more.
+    #[test]
+    fn contenders_take_turns_and_every_query_is_timed_once() {
+        let count = 2 * TURN + 7;
+        let put = std::cell::RefCell::new(Vec::new());
+        let ask = |who: usize, k: usize| {
+            put.borrow_mut().push((who, k));
+            k as f64
+        };
+        let timed = time(count, &mut [&mut |k| ask(0, k), &mut |k| ask(1, k)]);
+        let expected: Vec<f64> = (0..count).map(|k| k as f64).collect();
+        assert!(timed.iter().all(|timed| timed.answers == expected));
+        let turns = [0..TURN, TURN..2 * TURN, 2 * TURN..count];
+        let due = turns.into_iter().flat_map(|turn| {
+            let from = turn.start.saturating_sub(BEFORE_TURN);
+            let of = move |who| (from..turn.end).map(move |k| (who, k));
+            of(0).chain(of(1))
+        });
+        assert_eq!(*put.borrow(), due.collect::<Vec<_>>());
     }
 
     #[test]

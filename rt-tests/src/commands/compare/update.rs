@@ -7,7 +7,8 @@ use super::timing::time;
 use crate::models::Model;
 use crate::models::surface::unit;
 use crate::peers::parry::{Mesh, ParryF32, ParryF64};
-use geometry::Aabb;
+use ab_tree::{AbTree, Child, depth};
+use geometry::{Aabb, BoxPair};
 use glam::{DVec3, Vec3};
 use rand::Rng;
 use spm::{ActiveMesh, Handle, ModelHeader, NONE};
@@ -63,6 +64,47 @@ fn largest_stored(header: &ModelHeader) -> f64 {
     largest[0].max(largest[1])
 }
 
+/// Moves the faces of a patch and brings the boxes of the tree up to date.
+fn update(mesh: &ActiveMesh, tree: &mut AbTree, patch: &[Handle], by: Vec3) {
+    for &face in patch {
+        tree.deform(face);
+    }
+    tree.refit(|face| moved(mesh.face_box(face), by));
+}
+
+fn moved(at: Aabb, by: Vec3) -> Aabb {
+    Aabb {
+        lower: at.lower + by,
+        upper: at.upper + by,
+    }
+}
+
+/// Whether every box from the root to a face is what it should be: that of the face `at`, and above
+/// it the box around the two below. The box of the root alone knows nothing of most patches.
+fn path_is_right(tree: &AbTree, face: Handle, at: Aabb) -> bool {
+    let leaf = tree.leaf_of(face);
+    let mut child = tree.root();
+    while let Some(Child::Node(id)) = child {
+        let node = tree.node(id);
+        let below = depth(leaf) - depth(node.key()) - 1;
+        let index = (leaf >> below & 1) as usize;
+        let next = node.children()[index];
+        let due = match next {
+            Child::Face(_) => BoxPair::new([at; 2]),
+            Child::Node(id) => tree.node(id).boxes().joined(),
+        };
+        let stored = match index {
+            0 => BoxPair::mixed(node.boxes(), &due),
+            _ => BoxPair::mixed(&due, node.boxes()),
+        };
+        if stored != due {
+            return false;
+        }
+        child = Some(next);
+    }
+    child == Some(Child::Face(face))
+}
+
 /// A row for each contender: one update moves a patch, or moves it back. All compute the boxes
 /// from the corners of the faces, as a tick does.
 pub fn rows(
@@ -90,16 +132,7 @@ pub fn rows(
     let (mesh, tree) = front.parts_mut();
     let mut ours = |k: usize| {
         let (patch, by) = of(k);
-        for &face in patch {
-            tree.deform(face);
-        }
-        tree.refit(|face| {
-            let at = mesh.face_box(face);
-            Aabb {
-                lower: at.lower + by,
-                upper: at.upper + by,
-            }
-        });
+        update(mesh, tree, patch, by);
         size(tree.root_box())
     };
     let mut of_single = |k: usize| {
@@ -115,13 +148,22 @@ pub fn rows(
         &mut [&mut ours, &mut of_single, &mut of_double],
     );
     let expected = timed[2].answers.clone();
+    // The same again, without a clock.
+    let is_wrong = |k: &usize| {
+        let (patch, by) = of(*k);
+        update(mesh, tree, patch, by);
+        let is_right = |&face: &Handle| path_is_right(tree, face, moved(mesh.face_box(face), by));
+        !patch.iter().all(is_right)
+    };
+    let wrong = (0..2 * PATCHES).filter(is_wrong).count() as u64;
     // Boxes are the same numbers for all but for the rounding of shifted coordinates.
     let tolerance = 4.0 * f64::from(f32::EPSILON) * (header.diagonal + largest_stored(&header));
     [Who::OursFull, Who::ParryF32, Who::ParryF64]
         .into_iter()
         .zip(timed)
         .map(|(who, timed)| {
-            let differ = timed.differ(&expected, tolerance);
+            let of_paths = if who == Who::OursFull { wrong } else { 0 };
+            let differ = timed.differ(&expected, tolerance) + of_paths;
             Row::new("update64", model, who, timed.ns, differ)
         })
         .collect()
@@ -147,6 +189,34 @@ mod tests {
             let moves: Vec<bool> = of_patch.map(|&(_, is_moved)| is_moved).collect();
             assert_eq!(moves, [true, false], "patch {patch}");
         }
+    }
+
+    #[test]
+    fn an_update_that_does_nothing_or_leaves_a_box_out_is_wrong() {
+        let mesh = generate(Shape::Relief, 3000, 1);
+        let name = "relief".to_string();
+        let model = Model::build(name, mesh, &BuildOptions::default(), &NoProgress);
+        let model = model.unwrap_or_else(|error| panic!("{error}"));
+        let mut front = FullFront::new(&model).unwrap_or_else(|error| panic!("{error}"));
+        let mut handles = Vec::new();
+        front.mesh().for_each_active_face(|face| handles.push(face));
+        let patch = patch(front.mesh(), &handles, 700, PATCH);
+        let by = Vec3::splat(SHIFT * model.file.model_header().diagonal as f32);
+        let (mesh, tree) = front.parts_mut();
+        let right = |tree: &AbTree, by: Vec3| {
+            let is_right =
+                |&&face: &&Handle| path_is_right(tree, face, moved(mesh.face_box(face), by));
+            patch.iter().filter(is_right).count()
+        };
+        assert_eq!(right(tree, Vec3::ZERO), PATCH);
+        // Nothing is done, and then all but one face.
+        assert_eq!(right(tree, by), 0);
+        update(mesh, tree, &patch[1..], by);
+        assert_eq!(right(tree, by), PATCH - 1);
+        update(mesh, tree, &patch, by);
+        assert_eq!(right(tree, by), PATCH);
+        update(mesh, tree, &patch, Vec3::ZERO);
+        assert_eq!(right(tree, Vec3::ZERO), PATCH);
     }
 
     /// Forty diagonals from the origin, where the coordinates have a step of 2^-16 and what a patch

@@ -103,10 +103,10 @@ impl Watch {
         let controller = client.controller();
         let record = &outputs.record;
         self.query_work_max = self.query_work_max.max(record.query_work);
-        let budget = controller.work_budget();
-        ensure(record.work_units <= budget, "work budget", || {
-            format!("{} work units of {budget}", record.work_units)
-        })?;
+        check_work(
+            record,
+            [controller.work_budget(), controller.query_budget()],
+        )?;
         let done = record.vsplits + record.ecols;
         ensure(done <= self.operations, "operations of a tick", || {
             format!("{done} splits and collapses of {}", self.operations)
@@ -223,5 +223,35 @@ impl Watch {
             "no force after a fault",
             || format!("{} ticks after: {fault}", self.faulty_ticks),
         )
+    }
+}
+
+/// Neither the work of a tick nor that of its queries is beyond its budget.
+fn check_work(record: &CoreRecord, [work, queries]: [u32; 2]) -> Checked {
+    ensure(record.work_units <= work, "work budget", || {
+        format!("{} work units of {work}", record.work_units)
+    })?;
+    ensure(record.query_work <= queries, "query budget", || {
+        format!("{} units of queries of {queries}", record.query_work)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn work_beyond_either_budget_fails() {
+        let of = |work_units, query_work| {
+            let record = CoreRecord {
+                work_units,
+                query_work,
+                ..CoreRecord::default()
+            };
+            check_work(&record, [20, 10]).err().map(|(check, _)| check)
+        };
+        assert_eq!(of(20, 10), None);
+        assert_eq!(of(21, 10), Some("work budget"));
+        assert_eq!(of(20, 11), Some("query budget"));
     }
 }

@@ -9,7 +9,7 @@
 //! |---|---|---|
 //! | force and torque finite, within the plan's limits and its slew; zero after a fault | every tick | [`checks`] |
 //! | a contact puts out no more energy than it took in, up to what is stated there | every tick | [`checks`] |
-//! | work budget, operations, limit of the cache, inbox, no allocation | every tick | [`checks`] |
+//! | work and query budget, operations, limit of the cache, inbox, no allocation | every tick | [`checks`] |
 //! | on a processor whose speed changes: a tick within its time, which is back within a second, without hunting | every tick | [`processor`] |
 //! | numbers of requests and chunks: epochs, order, silence after a loss | every tick | [`conversation`] |
 //! | every invariant of the caches, front legal split by split, boxes of the tree exact, certified errors true, proxies outside | every 100th tick and at the end | [`deep`] |

@@ -1,18 +1,17 @@
 //! Each case with its fault in the product, beside the same case without it: what fails by itself
-//! finds nothing. A fault is to break a measure of one of its cases: where only what must happen
-//! did not, the measure might see nothing at all.
+//! finds nothing. A fault is to break the measure of each of its cases: where only what must happen
+//! did not, the measure and its limit might see nothing at all.
 
 use super::{MutantFound, Stability, StabilityArgs};
-use crate::cases::{Case, all};
+use crate::cases::Case;
 use crate::failure::Failure;
 use crate::report::table::Table;
-use mutants::Mutant;
 use serde::Serializer;
 
-/// Mutants that are known to break no measure, and why.
-const BY_PREMISE: [(Mutant, &str); 1] = [(
-    Mutant::ToolTorque,
-    "a tool without a torque has none that could change too fast; that it has one must happen",
+/// Cases whose measure is known to be broken by no mutant, and why.
+const BY_PREMISE: [(&str, &str); 1] = [(
+    "ten-thousand-faces",
+    "no mutant makes a query dearer: its limit of work is beside nothing, and that a tool pushes out must happen",
 )];
 
 /// Writes those of cases that are not open.
@@ -83,7 +82,7 @@ pub(super) fn run(
     is_run: impl Fn(&str) + Sync,
 ) -> Result<Vec<MutantFound>, Failure> {
     use super::{Verdict, run_case};
-    use mutants::choose;
+    use mutants::{Mutant, choose};
     use rayon::prelude::*;
 
     let hook = std::panic::take_hook();
@@ -137,7 +136,7 @@ pub(super) fn run(
 ///
 /// # Errors
 /// One sentence that names those that live, those of which nothing can be said, open cases where
-/// there are no others, and mutants that break no measure of any of their cases.
+/// there are no others, and mutants that do not break the measure of a case of theirs.
 pub(super) fn judge(mutants: &[MutantFound]) -> Result<(), Failure> {
     let named = |which: fn(&MutantFound) -> bool| {
         let of = mutants.iter().filter(|of| which(of));
@@ -158,7 +157,7 @@ pub(super) fn judge(mutants: &[MutantFound]) -> Result<(), Failure> {
         ("nothing is judged, the cases are open", nothing),
         (
             "mutants are killed by no measure",
-            unmeasured(mutants).join(", "),
+            named(|of| of.by_premise && known_by_premise(of.case).is_none()),
         ),
     ];
     let failed = failed.into_iter().filter(|(_, names)| !names.is_empty());
@@ -171,24 +170,10 @@ pub(super) fn judge(mutants: &[MutantFound]) -> Result<(), Failure> {
     Err(Failure::Run(failed.join("; ")))
 }
 
-/// Mutants that were killed in all of their cases, and by a measure in none. Of those that were run
-/// in some of their cases only nothing is said.
-fn unmeasured(mutants: &[MutantFound]) -> Vec<String> {
-    let is_known = |mutant: &Mutant| BY_PREMISE.iter().any(|(known, _)| known == mutant);
-    let others = Mutant::ALL.into_iter().filter(|mutant| !is_known(mutant));
-    let is_unmeasured = |mutant: &Mutant| {
-        let name = format!("{mutant:?}");
-        let by_premise = |case: &Case| {
-            let mut of_case = mutants.iter().filter(|of| of.case == case.name);
-            of_case.any(|of| of.name == name && of.by_premise)
-        };
-        let mut cases = all()
-            .filter(|case| case.mutant == *mutant && case.open.is_empty())
-            .peekable();
-        cases.peek().is_some() && cases.all(by_premise)
-    };
-    let names = others.filter(is_unmeasured);
-    names.map(|mutant| format!("{mutant:?}")).collect()
+/// Why the measure of a case is known to be broken by no mutant.
+fn known_by_premise(case: &str) -> Option<&'static str> {
+    let known = BY_PREMISE.iter().find(|&&(name, _)| name == case);
+    known.map(|&(_, why)| why)
 }
 
 /// The table of the terminal.
@@ -205,10 +190,12 @@ pub(super) fn table(found: &Stability) -> String {
     for mutant in found.mutants.iter().filter(|of| !of.note.is_empty()) {
         text += &format!("{} of {}: {}\n", mutant.name, mutant.case, mutant.note);
     }
-    for (mutant, why) in BY_PREMISE {
-        let name = format!("{mutant:?}");
-        if found.mutants.iter().any(|of| of.name == name) {
-            text += &format!("{name} is known to break no measure: {why}\n");
+    for mutant in &found.mutants {
+        if let Some(why) = known_by_premise(mutant.case) {
+            text += &format!(
+                "the measure of {} is known to be broken by no mutant: {why}\n",
+                mutant.case
+            );
         }
     }
     text
@@ -219,6 +206,8 @@ mod tests {
     use super::super::tests::verdict;
     use super::super::{Verdict, page};
     use super::*;
+    use crate::cases::all;
+    use mutants::Mutant;
 
     fn found(without: (bool, &str), with: (bool, &str)) -> MutantFound {
         let [without, with] = [without, with].map(|(pass, error)| verdict("rest", pass, error));
@@ -281,22 +270,30 @@ mod tests {
     }
 
     #[test]
-    fn a_mutant_that_breaks_no_measure_of_any_of_its_cases_fails() {
+    fn a_mutant_that_does_not_break_the_measure_of_a_case_fails() {
         let mut rows = all_by_premise(Mutant::Folds);
         assert!(rows.len() > 1 && rows.iter().all(|of| of.killed));
         assert!(table(&stability(rows.clone())).contains("killed (premise)"));
         let said = judge(&rows).expect_err("no measure sees it").to_string();
         assert!(said.contains("killed by no measure: Folds"), "{said}");
-        // Of some of its cases alone that is not known.
-        assert_eq!(judge(&rows[1..]), Ok(()));
-        // One measure is enough.
+        // Another case that sees it tells nothing of the limit of this one.
         rows[0].by_premise = false;
+        let said = judge(&rows).expect_err("one measure does not").to_string();
+        assert!(
+            said.contains(rows[1].case) && said.matches("Folds").count() == rows.len() - 1,
+            "{said}"
+        );
+        for row in &mut rows {
+            row.by_premise = false;
+        }
         assert_eq!(judge(&rows), Ok(()));
         // Where it is known, it is told.
-        for (mutant, why) in BY_PREMISE {
-            let rows = all_by_premise(mutant);
-            assert_eq!(judge(&rows), Ok(()), "{mutant:?}");
-            assert!(table(&stability(rows)).contains(why), "{mutant:?}");
+        for (name, why) in BY_PREMISE {
+            let case = all().find(|case| case.name == name);
+            let case = case.unwrap_or_else(|| panic!("{name} is no case any more"));
+            let rows = vec![by_premise(case.mutant, case.name)];
+            assert_eq!(judge(&rows), Ok(()), "{name}");
+            assert!(table(&stability(rows)).contains(why), "{name}");
         }
     }
 

@@ -7,9 +7,9 @@
 //! touched for seconds without a break by a hand that takes no energy; the stiffest wall that then
 //! has put out no more than the device damps is the limit. In theory that is `b / (T/2 + n T)`, for
 //! damping b, period T and n ticks of delay (Colgate 1994, Gil 2009); a limit of the device that
-//! lies further above than it may is a failure, and so is one of 0 where the device has damping:
-//! then every wall that was tried put energy out. The energy account is off for that; how far it
-//! reaches beyond is simulated too.
+//! lies further above or below than it may is a failure, and so is one of 0 where the device has
+//! damping: then every wall that was tried put energy out. The energy account is off for that; how
+//! far it reaches beyond is simulated too.
 
 mod long_run;
 mod stamps;
@@ -41,6 +41,8 @@ const AROUND: f64 = 2.0;
 const MAX_DOUBLINGS: u32 = 8;
 /// Halvings of the logarithm of that interval, and what is left of it, relative.
 const HALVINGS: i32 = 9;
+/// Share of theory's limit by which the simulated one may lie below it, beside the uncertainty.
+const BELOW_SHARE: f64 = 0.01;
 /// The stiffest wall that is tried with the energy account, in units of theory's limit without.
 const MAX_WITH_ACCOUNT: f64 = 32.0;
 
@@ -160,8 +162,8 @@ impl Zwidth {
         self.named(is_beyond)
     }
 
-    /// Whether there is a limit where theory has one, and none lies further above theory than it
-    /// may.
+    /// Whether there is a limit where theory has one, and none lies further above or below theory
+    /// than it may.
     fn judge(&self) -> Result<(), Failure> {
         let mut wrong = Vec::new();
         for (names, what) in [
@@ -169,6 +171,10 @@ impl Zwidth {
             (
                 self.named(is_missing),
                 "no wall that was tried kept its energy, and theory has one",
+            ),
+            (
+                self.named(is_below),
+                "further below theory than its uncertainty",
             ),
         ] {
             if !names.is_empty() {
@@ -188,6 +194,14 @@ fn is_missing([simulated, theory, _]: [f64; 3]) -> bool {
     theory > 0.0 && simulated <= 0.0
 }
 
+/// Whether a simulated limit that there is lies below theory by more than its uncertainty and a
+/// hundredth. A wall within theory's limit puts no energy out, whatever the hand does; so what is
+/// below is the interval of the search, which the uncertainty has, and the device that the
+/// controller sees through its encoder.
+fn is_below([simulated, theory, uncertainty]: [f64; 3]) -> bool {
+    simulated > 0.0 && simulated < (1.0 - BELOW_SHARE) * theory - uncertainty
+}
+
 /// Whether a simulated limit lies above theory by more than its uncertainty. What is no number
 /// does.
 fn is_beyond([simulated, theory, uncertainty]: [f64; 3]) -> bool {
@@ -198,8 +212,8 @@ fn is_beyond([simulated, theory, uncertainty]: [f64; 3]) -> bool {
 /// Runs the command.
 ///
 /// # Errors
-/// One sentence, with its status; status 1 when a limit lies further above theory than it may, or
-/// there is none.
+/// One sentence, with its status; status 1 when a limit lies further above or below theory than it
+/// may, or there is none.
 pub fn zwidth(args: &ZwidthArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     // Before the first file in a temporary folder: an end on request removes it.

@@ -111,6 +111,24 @@ fn limits([own, own_theory]: [f64; 2], [turning, turning_theory]: [f64; 2]) -> Z
 }
 
 #[test]
+fn a_limit_far_below_theory_is_a_failure() {
+    let (moving, turning) = ([2000.0, 2000.0], [0.2, 0.2]);
+    // A hundredth of 2000 N/m and 5 N/m of uncertainty; of 0.2 N m/rad and 0.05.
+    assert_eq!(limits([1976.0, 2000.0], turning).judge(), Ok(()));
+    for (found, name) in [
+        (limits([1974.0, 2000.0], turning), "k_max_measured"),
+        (limits([667.0, 2000.0], turning), "k_max_measured"),
+        (limits(moving, [0.067, 0.2]), "k_max_torsion_measured"),
+    ] {
+        let said = found.judge().expect_err("it is below").to_string();
+        assert!(
+            said.contains("below theory") && said.ends_with(name),
+            "{said}"
+        );
+    }
+}
+
+#[test]
 fn no_wall_where_theory_has_one_is_a_failure_and_none_without_damping_is_not() {
     let (moving, turning) = ([2000.0, 2000.0], [0.2, 0.2]);
     assert_eq!(limits(moving, turning).judge(), Ok(()));
