@@ -121,7 +121,7 @@ impl ControllerSetup {
         }
     }
 
-    /// The limits of each probe, one at least.
+    /// The limits of each probe.
     fn limits(&self) -> Vec<WrenchLimits> {
         let limits = self.wrench_limits.iter();
         limits

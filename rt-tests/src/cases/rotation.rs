@@ -342,39 +342,34 @@ fn passivity(trial: Trial<'_>, held: &Held, surface: Rendered) -> Result<Found, 
 /// contact, of what is wanted, of the one that loses most: since its contact was found late, or
 /// since the account or a limit withholds it, by the record of the tick. What is wanted is
 /// stiffness times depth: the surface has no damping.
-fn withheld(
-    Trial {
-        size,
-        random,
-        defaults,
-    }: Trial<'_>,
-) -> Result<Found, Failure> {
-    let mut found = Found::new(0.0);
+fn withheld(trial: Trial<'_>) -> Result<Found, Failure> {
     let held = [
         ("in a slot", slot()),
         ("on a plate", plate()),
         ("in a hole", hole()),
         ("a ball on a plate", ball()),
     ];
+    most_withheld(&held, trial)
+}
+
+/// The same of the bar across an edge.
+fn withheld_on_edge(trial: Trial<'_>) -> Result<Found, Failure> {
+    most_withheld(&[("on an edge", edge())], trial)
+}
+
+fn most_withheld(held: &[(&'static str, Held)], trial: Trial<'_>) -> Result<Found, Failure> {
+    let Trial {
+        size,
+        random,
+        defaults,
+    } = trial;
+    let mut found = Found::new(0.0);
     for (name, held) in held {
-        let share = withheld_of(&held, (size, random, defaults))?;
+        let share = withheld_of(held, (size, random, defaults))?;
         // Without a contact it is no number, and fails.
         found.most(share);
         found.log(name, share);
     }
-    Ok(found)
-}
-
-/// The same of the bar across an edge.
-fn withheld_on_edge(
-    Trial {
-        size,
-        random,
-        defaults,
-    }: Trial<'_>,
-) -> Result<Found, Failure> {
-    let mut found = Found::new(0.0);
-    found.most(withheld_of(&edge(), (size, random, defaults))?);
     Ok(found)
 }
 

@@ -42,11 +42,12 @@
 //! of that force leaves c as it is. The share p follows c:
 //!
 //! - While the device moves away with `p > c`, p falls by `2 p (p - c) W / (A + N)`. So c falls in
-//!   proportion to `p / c` while that goes to 1, and nothing is cut before. Work that no spring
-//!   gives back, as of a force that is shaded, lowers c; p follows at up to twice c, and falls as
-//!   what is left does. The faster the device leaves, the faster p falls, also beyond the
-//!   perception limit: A would else be used up, and the force cut. By as much as p must fall to
-//!   stay as far above c, it falls towards it: that is the 2.
+//!   proportion to `p / c` while that goes to 1. The account cuts the force before that only where
+//!   A is less than N; then p is c at once, so that the force does not come back in the next tick.
+//!   Work that no spring gives back, as of a force that is shaded, lowers c; p follows at up to
+//!   twice c, and falls as what is left does. The faster the device leaves, the faster p falls, also
+//!   beyond the perception limit: A would else be used up, and the force cut. By as much as p must
+//!   fall to stay as far above c, it falls towards it: that is the 2.
 //! - With `p < c` it rises by the perception limit of a tick.
 //! - While the device does not move away, p rises to `RETURNS_TO` times c, and by `RETURNS_BEYOND`
 //!   imperceptible forces beyond; the slower the less is paid for, by c of the perception limit of
@@ -357,7 +358,7 @@ impl EnergyAccount {
         // At a share s the force does the work s W, and s² of its fall's or less while it falls.
         let fall = self.most_work_of_fall(wanted, [pushed, turned]);
         let payable = 2.0 * taken_in / (work + (work * work + 4.0 * fall * taken_in).sqrt());
-        // What is cut comes back as what is unpaid does.
+        // What is cut comes back as what is unpaid does, but for the error that is tolerated.
         let paid_for = paid_j / spring.stored_j;
         self.paid = self.paid.min(payable.max(paid_for));
         held.min(payable).clamp(0.0, 1.0)
