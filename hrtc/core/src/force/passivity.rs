@@ -45,9 +45,9 @@
 //!   proportion to `p / c` while that goes to 1. The account cuts the force before that only where
 //!   A is less than N; then p is c at once, so that the force does not come back in the next tick.
 //!   Work that no spring gives back, as of a force that is shaded, lowers c; p follows at up to
-//!   twice c, and falls as what is left does. The faster the device leaves, the faster p falls, also
-//!   beyond the perception limit: A would else be used up, and the force cut. By as much as p must
-//!   fall to stay as far above c, it falls towards it: that is the 2.
+//!   twice c, and falls as what is left does. The faster the device leaves, the faster p falls,
+//!   also beyond the perception limit: A would else be used up, and the force cut. By as much as p
+//!   must fall to stay as far above c, it falls towards it: that is the 2.
 //! - With `p < c` it rises by the perception limit of a tick.
 //! - While the device does not move away, p rises to `RETURNS_TO` times c, and by `RETURNS_BEYOND`
 //!   imperceptible forces beyond; the slower the less is paid for, by c of the perception limit of
