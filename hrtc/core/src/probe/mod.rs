@@ -113,8 +113,8 @@ pub struct Probe {
     /// Whether the device went to zero by itself in them.
     was_cut: bool,
     plausibility: Plausibility,
-    /// Time of the last accepted sample, ns; 0 where it had none.
-    accepted_ns: u64,
+    /// Times of the last accepted sample and of the last rejected one, ns; 0 where it had none.
+    judged_ns: [u64; 2],
     /// Whether this tick's sample was rejected.
     pub rejected: bool,
     /// Samples rejected so far.
@@ -184,7 +184,7 @@ impl Probe {
                 1.0 / plan.loop_.rate_hz,
             )
             .with_angular_step(probe.device.rotation.map_or(0.0, |of| of.encoder_rad)),
-            accepted_ns: 0,
+            judged_ns: [0; 2],
             rejected: false,
             rejected_samples: 0,
             wrench: Wrench::ZERO,
@@ -210,22 +210,24 @@ impl Probe {
 
     /// Takes the sample of a tick, `elapsed` periods after the tick before, if it is plausible,
     /// else stays where it was. Whether a hand holds the device is believed of any sample. One of
-    /// the same time as the last accepted one is none: a driver that exchanges the newest values
-    /// with its own thread gives it again where it has no newer one.
+    /// the same time as the last accepted one, or the last rejected one, is none: a driver that
+    /// exchanges the newest values with its own thread gives it again where it has no newer one.
     pub fn sample(&mut self, given: Option<Sample>, elapsed: u64) {
         if let Some(in_hand) = given.and_then(|sample| sample.in_hand) {
             self.is_held = in_hand;
         }
-        let given = given.filter(|of| of.time_ns == 0 || of.time_ns != self.accepted_ns);
+        let given = given.filter(|of| of.time_ns == 0 || !self.judged_ns.contains(&of.time_ns));
         let pose = given.map(|sample| sample.pose);
         let is_free = self.limiter.is_closed();
         let accepted = self.plausibility.judge(pose, elapsed, is_free);
         self.rejected = given.is_some() && accepted.is_none();
+        if let Some(sample) = given {
+            self.judged_ns[usize::from(self.rejected)] = sample.time_ns;
+        }
         self.rejected_samples += u64::from(self.rejected);
         self.elapsed = elapsed;
         self.periods = elapsed;
         if let Some(accepted) = accepted {
-            self.accepted_ns = given.map_or(0, |sample| sample.time_ns);
             self.silence = 0;
             self.pose = Some(accepted.pose);
             self.periods = accepted.periods;

@@ -4,18 +4,19 @@
 //! is not, or when the quaternion has no direction. A quaternion of another length than 1 is
 //! normalised. A usable sample is *plausible* when a motion within the device's [`MotionLimits`]
 //! leads there from the last accepted sample. With the velocity v and the pose x of that sample, n
-//! periods T ago, the acceleration a, the step h of the encoder and the step φ of that of the
-//! orientation:
+//! periods T ago, the m periods from the one before it, the acceleration a, the step h of the
+//! encoder and the step φ of that of the orientation:
 //!
 //! - speed: `|x' - x| <= v_max n T + h`;
-//! - acceleration: `|x' - x - v n T| <= a T² n (n + 1) / 2 + 2 h (n + 1)`, since v is the mean of a
-//!   period, as of half a period before x; each of the three samples is wrong by up to h;
+//! - acceleration: `|x' - x - v n T| <= a T² n (n + m) / 2 + 2 h (n + 1)`, since v is the mean of m
+//!   periods, as of half of them before x; each of the three samples is wrong by up to h;
 //! - turn: the angle between the orientations is at most `ω_max n T + √3 φ`: each of the three
 //!   components of a rotation vector is wrong by up to `φ / 2`, in both samples.
 //!
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
 //! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
-//! makes one of them plausible. Elsewhere, a device is taken to be at a *new place* only after
+//! makes one of them plausible. Periods that were skipped before this sample, or before a tick
+//! without any, widen them beyond that. Elsewhere, a device is at a *new place* only after
 //! [`NEW_PLACE_S`] of samples that are plausible after one another, and when the force on it has
 //! ramped down, so that it begins anew from zero. The proxies stay where they were: between there
 //! and the new place may be a surface.
@@ -63,10 +64,13 @@ pub struct Plausibility {
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 struct Course {
     pose: Pose,
-    /// Motion in the period before the pose, metres; unknown of a single sample.
-    motion: Option<DVec3>,
+    /// Mean motion a period before the pose, metres, and the periods that it was measured over;
+    /// unknown of a single sample.
+    motion: Option<(DVec3, f64)>,
     /// Periods since.
     age: u64,
+    /// Of these, those that were skipped before a tick without a sample.
+    skipped: u64,
 }
 
 impl Course {
@@ -75,13 +79,23 @@ impl Course {
             pose,
             motion: None,
             age: 0,
+            skipped: 0,
+        }
+    }
+
+    /// A tick comes so many periods after the one before; `is_silent`: without a sample.
+    fn wait(&mut self, elapsed: u64, is_silent: bool) {
+        self.age = self.age.saturating_add(elapsed);
+        if is_silent {
+            self.skipped = self.skipped.saturating_add(elapsed.saturating_sub(1));
         }
     }
 
     fn go_on_to(&mut self, pose: Pose) {
         let periods = self.age.max(1) as f64;
+        let motion = (pose.position - self.pose.position) / periods;
         *self = Self {
-            motion: Some((pose.position - self.pose.position) / periods),
+            motion: Some((motion, periods)),
             ..Self::at(pose)
         };
     }
@@ -122,7 +136,7 @@ impl Plausibility {
     pub fn judge(&mut self, given: Option<Pose>, elapsed: u64, is_free: bool) -> Option<Accepted> {
         let courses = self.course.iter_mut();
         for course in courses.chain(self.rejected.as_mut().map(|(course, _)| course)) {
-            course.age = course.age.saturating_add(elapsed);
+            course.wait(elapsed, given.is_none());
         }
         if is(Mutant::NotFinite)
             && let Some(pose) = given.filter(|pose| !pose.is_finite())
@@ -178,15 +192,18 @@ impl Plausibility {
             acceleration_m_per_s2,
             angular_speed_rad_per_s,
         } = self.limits;
-        let periods = course.age.min(elapsed.max(self.max_widened)) as f64;
+        let widened = course.skipped.saturating_add(elapsed.max(self.max_widened));
+        let periods = course.age.min(widened) as f64;
         let seconds = periods * self.period_s;
         let moved = pose.position - course.pose.position;
         // Two samples show a speed, and no acceleration.
-        let strays = course
+        let (strays, before) = course
             .motion
-            .map_or(DVec3::ZERO, |motion| moved - motion * periods);
+            .map_or((DVec3::ZERO, 1.0), |(motion, before)| {
+                (moved - motion * periods, before)
+            });
         let turned = turn_between(course.pose.orientation, pose.orientation);
-        let bend = 0.5 * periods * (periods + 1.0) * self.period_s * self.period_s;
+        let bend = 0.5 * periods * (periods + before) * self.period_s * self.period_s;
         let noise = 2.0 * self.encoder_m * (periods + 1.0);
         is(Mutant::Spike)
             || moved.length() <= speed_m_per_s * seconds + self.encoder_m
@@ -236,12 +253,43 @@ mod tests {
         let mut judge = judge();
         let mut tick = 0;
         for k in 0..5000u64 {
-            let elapsed = [1, 1, 1, 2, 5, 18, 300][(k * k % 7) as usize];
+            let elapsed = [1, 1, 1, 2, 5, 18, 300][(k % 7) as usize];
             tick += elapsed;
             let given = if k % 11 == 3 { None } else { hand(tick) };
             let accepted = judge.judge(given, elapsed, false);
             assert_eq!(accepted.is_some(), given.is_some(), "tick {tick}");
             assert!(accepted.is_none_or(|of| !of.is_new_place));
+        }
+    }
+
+    /// A hand that moves to and fro by 20 mm, at up to 4.5 m/s and 1000 m/s²: its velocity after a
+    /// stall is not its mean velocity in the stall.
+    #[test]
+    fn a_stall_rejects_no_hand_with_or_without_a_sample_in_its_tick() {
+        for stall in [2, 18, 300, 60_000] {
+            for is_silent in [false, true] {
+                let mut judge = judge();
+                let mut tick = 0;
+                for k in 0..200u64 {
+                    let stalls = k % 20 == 19;
+                    let elapsed = if stalls { stall } else { 1 };
+                    tick += elapsed;
+                    let given = at(0.02 * (0.223 * tick as f64).sin());
+                    let given = given.filter(|_| !(stalls && is_silent));
+                    let accepted = judge.judge(given, elapsed, false);
+                    assert_eq!(accepted.is_some(), given.is_some(), "{stall}, tick {tick}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn skipped_periods_make_no_wild_sample_of_a_stream_plausible() {
+        let mut judge = judge();
+        judge.judge(at(0.0), 1, true);
+        for k in 0..1000 {
+            let x = if k % 2 == 0 { -3.0 } else { 5.0 };
+            assert_eq!(judge.judge(at(x), 2, true), None, "sample {k}");
         }
     }
 

@@ -443,6 +443,32 @@ fn a_sample_that_is_given_again_is_none() {
     assert!(held.probe.is_at_rest(), "{:?}", held.probe.wrench);
 }
 
+/// The last sample of a driver whose own thread hangs is wild: given again and again it is still
+/// one sample, and no new place.
+#[test]
+fn a_wild_sample_that_is_given_again_is_rejected_once() {
+    let mut held = Held::new();
+    held.probe.set_motion_limits(MotionLimits::HAND);
+    for tick in 1..=5 * RAMP {
+        let is_wild = tick > RAMP;
+        let place = DVec3::X * if is_wild { 5.0 } else { 0.0 };
+        let sample = Sample {
+            time_ns: 1_000_000 * tick.min(RAMP + 1),
+            ..Sample::at(Pose::at(place))
+        };
+        held.probe.sample(Some(sample), 1);
+        assert_eq!(held.probe.pose, Some(Pose::IDENTITY), "tick {tick}");
+        let clock = Clock {
+            tick,
+            period_s: 1e-3,
+        };
+        let nothing = Rendered::default();
+        held.probe
+            .limit(clock, nothing, CarriedWork::default(), true);
+    }
+    assert_eq!(held.probe.rejected_samples, 1);
+}
+
 /// An encoder shows a slow motion as jumps, at 4 kHz of 40 mm/s: no damper is to see them.
 #[test]
 fn the_motion_for_damping_is_without_the_steps_of_the_encoder() {
