@@ -2,7 +2,7 @@
 
 use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Surface, Work, closest_point_within};
+use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
 use crate::contact::rigid_proxy::ToolProxy;
 use crate::contact::sphere_proxy::Contact;
 use crate::costs::QueryWork;
@@ -20,6 +20,8 @@ use spm::{Handle, NONE};
 
 /// Nodes and faces that a search for a place beside the proxy may visit.
 const OUTSIDE_WORK: u32 = 128;
+/// Nodes and faces that surely lead to a face: the levels of a tree, and one more.
+const DESCENT_WORK: u32 = 32;
 /// Rounding of a distance: a ball at rest on a surface is nearer by it than its radius.
 const ROUNDING: f64 = 1e-6;
 
@@ -231,9 +233,14 @@ impl ProbeObjectPair {
         budget.charge(kind, step.work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
         let most = budget.left(QueryWork::Search);
-        let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, most);
+        let (mut nearest, work, is_complete) = self.proxy.nearest(surface, hint, most);
         budget.charge(QueryWork::Search, work);
         if step.contact.is_none() && self.proxy.is_held() {
+            if nearest.is_none() && !is_complete {
+                let (found, work) = self.any_face(surface);
+                budget.charge(QueryWork::Search, work);
+                nearest = found;
+            }
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
         self.hint = nearest.map(|nearest| nearest.face);
@@ -254,6 +261,16 @@ impl ProbeObjectPair {
         };
         self.measured_at = self.proxy.position();
         Some(step)
+    }
+
+    /// A face on the side of the patch, by the shortest search that finds one: what is held keeps
+    /// its contact also where the face that held it is gone and the time is over.
+    fn any_face(&self, surface: Surface<'_>) -> (Option<Nearest>, Work) {
+        let Some((middle, _)) = self.proxy.patch() else {
+            return (None, Work::default());
+        };
+        let (found, work, _) = closest_point_within(surface, middle, None, DESCENT_WORK);
+        (found, work)
     }
 
     /// The nearer of two points. A search that was cut short may have missed what it found before.
@@ -414,6 +431,7 @@ impl ProbeObjectPair {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tuning::governor::MIN_SEARCH_UNITS;
     use ab_tree::{AbTree, leaf_key};
     use spm::{ActiveMesh, Certified};
 
@@ -511,6 +529,23 @@ mod tests {
         let mut pair = ProbeObjectPair::new(&shape, SurfaceEffects::default());
         pair.proxy.begin(1e-3, 1.0, Some(Pose::IDENTITY));
         pair
+    }
+
+    /// In a late tick, when the face that was nearest has just been split.
+    #[test]
+    fn what_is_held_finds_a_face_of_a_large_front_without_a_hint_or_time() {
+        let heights: Vec<f32> = (2..1026_u16).map(|k| 1e-3 * f32::from(k)).collect();
+        let (mesh, tree) = sheets(&heights);
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let pair = held();
+        let (found, _, is_complete) = pair.proxy.nearest(surface, None, MIN_SEARCH_UNITS);
+        assert!(found.is_none() && !is_complete, "{found:?}");
+        let (found, work) = pair.any_face(surface);
+        assert!(found.is_some_and(|of| mesh.is_active(of.face)));
+        assert!(work.nodes + work.faces <= DESCENT_WORK, "{work:?}");
     }
 
     #[test]
