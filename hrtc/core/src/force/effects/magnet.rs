@@ -4,6 +4,10 @@
 //! With s the distance over the range (`reach_m`) the force is `4 F s (1 - s)`: 0 at the surface
 //! and at the end of the range, F half way. CHAI3D's magnet has two linear ramps instead. The force
 //! has a potential that depends on the distance alone, so a closed path gains no energy.
+//!
+//! The distance is that of a ball, or of the ball about a tool's position that its tip fills
+//! (`ProbeShape::patch_m`): a tool that touches with another part loses in that tick the pull that
+//! it has there.
 
 use glam::DVec3;
 use scene::MagnetPlan;

@@ -48,25 +48,41 @@ impl Spring {
             let share = if share.is_finite() { share } else { 0.0 };
             a + along * share.clamp(0.0, 1.0)
         };
-        let distance = |piece: usize| on(piece).distance_squared(position);
-        let mut piece = self.piece.unwrap_or_else(|| {
-            let nearest = (0..=last).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-            nearest.unwrap_or(0)
-        });
+        let squared = |piece: usize| on(piece).distance_squared(position);
+        let mut piece = self.piece.unwrap_or(0);
+        let mut least = squared(piece);
+        if self.piece.is_none() {
+            for other in 1..=last {
+                let there = squared(other);
+                if there < least {
+                    (piece, least) = (other, there);
+                }
+            }
+        }
         // A path that ends where it begins goes on there.
         let is_closed = path.len() > 2 && path.first() == path.last();
-        // Each round is nearer, so none comes twice: only what was passed is gone through.
-        for _ in 0..path.len() {
-            let neighbours = if is_closed {
-                [(piece + last) % (last + 1), (piece + 1) % (last + 1)]
-            } else {
-                [piece.saturating_sub(1), (piece + 1).min(last)]
-            };
-            let here = distance(piece);
-            let Some(&nearer) = neighbours.iter().find(|&&other| distance(other) < here) else {
+        let beside = |piece: usize, is_ahead: bool| match (is_closed, is_ahead) {
+            (true, false) => (piece + last) % (last + 1),
+            (true, true) => (piece + 1) % (last + 1),
+            (false, false) => piece.saturating_sub(1),
+            (false, true) => (piece + 1).min(last),
+        };
+        let from = piece;
+        for is_ahead in [false, true] {
+            // Each is nearer, so none comes twice: what was passed is looked at once, at the most
+            // all of the path.
+            for _ in 0..last {
+                let next = beside(piece, is_ahead);
+                let there = squared(next);
+                if there >= least {
+                    break;
+                }
+                (piece, least) = (next, there);
+            }
+            if piece != from {
+                // The other side is where it came from.
                 break;
-            };
-            piece = nearer;
+            }
         }
         self.piece = Some(piece);
         on(piece)
