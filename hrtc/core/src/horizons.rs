@@ -9,7 +9,7 @@ use crate::tuning::prediction::{
     SPANS_S, WARM_S,
 };
 use crate::tuning::probe::{MAX_SILENCE_S, SPEED_LEFT_PER_MS, TOUR_RETRY_S};
-use crate::tuning::streaming::MAX_ROOM_WAIT_S;
+use crate::tuning::streaming::{MAX_ROOM_WAIT_S, MAX_WAITED_S};
 use crate::tuning::tick::{FAR_REPORT_S, REPORT_S};
 use geometry::portable::pow;
 use haptic_device::COMMAND_VALIDITY_S;
@@ -144,6 +144,12 @@ impl Horizons {
                 pause: whole(PAUSE_S),
             },
         }
+    }
+
+    /// Of so many periods that were skipped in a row those that count as waited for an answer.
+    #[must_use]
+    pub fn waited(&self, skipped: u64) -> u64 {
+        skipped.min((MAX_WAITED_S * self.rate_hz).round() as u64)
     }
 }
 

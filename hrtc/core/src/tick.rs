@@ -15,9 +15,10 @@
 //!
 //! Skipped periods have passed for the world, but not for the controller: velocities, the energy
 //! account, bodies, phases of effects, a device's silence and what is measured of the link go by
-//! the tick's index, since link and station go on. Timeouts and horizons of session and front count
-//! only ticks that were run (`Controller::own_tick`), since nothing could be taken in or done in
-//! between.
+//! the tick's index, since link and station go on. Horizons of session and front count only ticks
+//! that were run (`Controller::own_tick`), since nothing could be taken in or done in between; so
+//! do timeouts in a stall, but not where a slow machine skips a few periods again and again
+//! (`MAX_WAITED_S` in `tuning.rs`).
 //!
 //! Force k acts over `[k, k + 1]`; the sample of tick k gives the force of tick k. The cache's
 //! bytes are shared out to the active objects ([`scene::ScenePlan::active_objects`]) half of
@@ -201,8 +202,10 @@ impl Controller {
         let elapsed = tick.saturating_sub(last).max(1);
         self.active.meter.begin_tick(elapsed - 1);
         if elapsed > 1 {
+            let waited = self.horizons.waited(elapsed - 1);
             for object in &mut self.active.objects {
                 object.front.skip_periods(elapsed - 1);
+                object.session.skip_periods(waited);
             }
         }
         elapsed

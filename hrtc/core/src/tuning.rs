@@ -154,6 +154,10 @@ pub mod streaming {
     pub const VARIATION_SHARE: f64 = 1.0 / 4.0;
     /// Mean deviations by which a timeout is longer than the round trip (RFC 6298, 2.3).
     pub const VARIATIONS: f64 = 4.0;
+    /// Time of skipped periods in a row that counts as waited for an answer at the most: those of a
+    /// machine that is too slow. In a longer stall nothing could be taken in, and the station may
+    /// have stood still, too.
+    pub const MAX_WAITED_S: f64 = 0.02;
     /// Silences for which a timeout is doubled at the most: from 200 ms to 1.6 s.
     pub const MAX_SILENCES: u32 = 3;
     /// The shortest round trip is that of the present and the last span of so many seconds.

@@ -202,6 +202,18 @@ impl Subscriber {
         }
     }
 
+    /// Periods were skipped since the last tick: link and station went on, so what is awaited was
+    /// awaited for as much longer.
+    pub fn skip_periods(&mut self, periods: u64) {
+        for last in [
+            &mut self.last_progress,
+            &mut self.asked_at,
+            &mut self.awaited_at,
+        ] {
+            *last = last.saturating_sub(periods);
+        }
+    }
+
     /// Ends the epoch: forgets what is under way, and declares and asks anew.
     pub fn end_epoch(&mut self, tick: u64, cache: &mut Cache) {
         if self.sent > 0 {

@@ -18,14 +18,15 @@ fn busy() -> LinkMeter {
     meter
 }
 
+const IDENTITY: Identity = Identity {
+    client: 7,
+    incarnation: 8,
+};
+
 #[test]
 fn what_is_looked_at_in_vain_is_counted_too() {
     const REGIONS: u32 = 100;
-    let identity = Identity {
-        client: 7,
-        incarnation: 8,
-    };
-    let mut subscriber = Subscriber::new(identity, &Horizons::new(1000.0));
+    let mut subscriber = Subscriber::new(IDENTITY, &Horizons::new(1000.0));
     let (mut cache, meter) = (Cache::new(1 << 20), busy());
     let first = 10_000;
     subscriber.observe(1, first, &meter, &mut cache);
@@ -48,4 +49,49 @@ fn what_is_looked_at_in_vain_is_counted_too() {
         assert!(outbox.requests().is_empty(), "all would come late");
         assert_eq!(outbox.looked_at(), REGIONS);
     }
+}
+
+/// Periods until a model that does not come is asked for again, where so many are skipped before
+/// every tick.
+fn periods_awaited(skipped: u64) -> u64 {
+    let horizons = Horizons::new(1000.0);
+    let mut subscriber = Subscriber::new(IDENTITY, &horizons);
+    let (mut cache, meter) = (Cache::new(1 << 20), LinkMeter::new(&horizons));
+    let mut outbox = Outbox::new(2);
+    let first = 10_000;
+    for tick in first..2 * first {
+        let ticks = tick - first;
+        if ticks > 0 {
+            subscriber.skip_periods(horizons.waited(skipped));
+        }
+        subscriber.observe(1, tick, &meter, &mut cache);
+        outbox.clear();
+        outbox.begin_session(0);
+        let wanted = std::iter::empty();
+        subscriber.requests(tick, &mut cache, wanted, &meter, &mut outbox);
+        let asks = !outbox.requests().is_empty();
+        assert!(asks || ticks > 0, "it asks at once");
+        if asks && ticks > 0 {
+            return ticks * (1 + skipped);
+        }
+    }
+    panic!("it never asks again");
+}
+
+#[test]
+fn an_answer_is_awaited_as_long_on_a_machine_that_skips_periods() {
+    let alone = periods_awaited(0);
+    for skipped in [1, 3, 7] {
+        let awaited = periods_awaited(skipped);
+        let is_same = (alone..=alone + skipped).contains(&awaited);
+        assert!(is_same, "{skipped}: {awaited} and {alone}");
+    }
+}
+
+/// In a stall nothing could be taken in.
+#[test]
+fn a_stall_counts_as_a_short_wait_only() {
+    let counted = [1, 18, 300].map(|skipped| Horizons::new(1000.0).waited(skipped));
+    assert_eq!(counted, [1, 18, 20]);
+    assert_eq!(Horizons::new(4000.0).waited(300), 80);
 }
