@@ -2,6 +2,7 @@
 
 use hrtc::recorder::replay;
 use protocol::{Hello, PROTOCOL_VERSION, Role};
+use realtime::rights::pin_to_core;
 use std::io::{BufRead, BufReader, PipeReader, PipeWriter, Read, Write};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -397,4 +398,12 @@ fn a_second_controller_on_a_core_is_reported() {
     first.wait_for(TICKING);
     let mut second = Run::start_with("core = 0", "second", &[]);
     second.wait_for("another controller ticks on core 0");
+    // Put there by its user, as with taskset; where processes are kept off some cores it could not
+    // be told from one that was put nowhere.
+    let isolated = std::fs::read_to_string("/sys/devices/system/cpu/isolated");
+    let keeps_off = isolated.is_ok_and(|list| !list.trim().is_empty());
+    if !keeps_off && pin_to_core(0).is_ok() {
+        let mut third = Run::start_with("", "third", &[]);
+        third.wait_for("another controller ticks on core 0");
+    }
 }

@@ -54,6 +54,9 @@ pub(super) fn claim_core(plan: &mut LoopPlan, is_supervised: bool) -> Option<Cor
         } else {
             own_cores()
         };
+        if let [only] = cores[..] {
+            return claim_only(only);
+        }
         let cores = quiet_cores(&cores);
         if let Some((chosen, claimed)) = choose(&cores) {
             let others = cores.iter().filter(|of| of.core != chosen.core);
@@ -71,6 +74,18 @@ pub(super) fn claim_core(plan: &mut LoopPlan, is_supervised: bool) -> Option<Cor
     }
     if let Some(interrupted) = InterruptedCore::look(core) {
         note!("{interrupted}");
+    }
+    claim
+}
+
+/// Claims the one core that there is for everything, which the plan need not name. Says when
+/// another controller has it.
+fn claim_only(core: usize) -> Option<CoreClaim> {
+    let claim = CoreClaim::take(core);
+    if claim.is_none() {
+        note!(
+            "another controller ticks on core {core} too, the only one for this one, so both will miss periods; give one of them another core (taskset) or another machine"
+        );
     }
     claim
 }
@@ -238,6 +253,16 @@ mod tests {
         let (core, again) = chosen().expect("there are two");
         assert!(core == 1 && again.is_some());
         assert!(choose(&[]).is_none());
+    }
+
+    #[test]
+    fn the_only_core_is_claimed_once_too() {
+        // Beyond any core, and another for every process.
+        let core = 100_000_000 + std::process::id() as usize;
+        let claim = claim_only(core);
+        assert!(claim.is_some() && claim_only(core).is_none());
+        drop(claim);
+        assert!(claim_only(core).is_some());
     }
 
     #[test]
