@@ -53,7 +53,7 @@ pub struct Costs {
     /// Largest over least of the measurements, for each unit.
     pub spread: BTreeMap<&'static str, f64>,
     /// What tick, inbox, refinement and queries took on the bundled patch, as a part of the costs
-    /// of the reference machine.
+    /// of the reference machine; medians.
     pub patch: [f64; CostGroup::ALL.len()],
     /// Ticks that one measurement timed, at least.
     pub ticks: usize,
@@ -110,7 +110,10 @@ impl Costs {
             unit_ns: of_each(|costs| costs[costs.len() / 2]),
             spread: of_each(|costs| costs[costs.len() - 1] / costs[0]),
             reference_ns: WorkCosts::REFERENCE.named().into_iter().collect(),
-            patch: measured[measured.len() / 2].patch,
+            patch: std::array::from_fn(|group| {
+                let parts: Vec<f64> = measured.iter().map(|of| of.patch[group]).collect();
+                median(&parts)
+            }),
             ticks: measured.iter().map(|of| of.ticks).min().unwrap_or(0),
             governor_ns: governor_ns(),
             queries,
