@@ -21,7 +21,7 @@ use crate::processes::stop::{is_set, stop_flag};
 use crate::report::output::{print_either, status_bar};
 use crate::scenes::{check_seconds, prepare_models};
 use clap::Args;
-use hrtc::result::{RunResult, ShortSpread, Spread};
+use hrtc::result::{Finished, RunResult, ShortSpread, Spread};
 use scene::load;
 use scene_files::DiskFiles;
 use scenes::{Scene, SceneArgs};
@@ -157,10 +157,14 @@ pub struct Row {
     pub force_step_n_max: f64,
     /// Figures that were not finite.
     pub non_finite: Vec<String>,
+    /// Real-time rights that the controller was denied.
+    pub missing_rights: Vec<String>,
 }
 
 impl Row {
-    fn new(scene: &Scene, slow: f64, seed: u64, run: &RunResult, reference: &RunResult) -> Self {
+    fn new(scene: &Scene, slow: f64, seed: u64, ours: &Finished, reference: &RunResult) -> Self {
+        let run = &ours.result;
+        let missing = ours.rights.iter().filter(|right| !right.obtained);
         Self {
             scene: scene.name.clone(),
             slow,
@@ -183,6 +187,7 @@ impl Row {
             measured_error_m: run.measured_error_m,
             force_step_n_max: run.force_step_n_max,
             non_finite: run.non_finite.clone(),
+            missing_rights: missing.map(|right| right.name.clone()).collect(),
         }
     }
 
@@ -289,15 +294,15 @@ fn row(
     // What an end on request looks like in the processes is no failure of theirs.
     let outcome = run_pair(&pair, stop, &mut |_| ());
     check_stop(stop)?;
-    let run = outcome?.undisturbed()?.result;
+    let ours = outcome?.undisturbed()?;
     let work = BareWork {
-        ns: (1e3 * run.work_us.p50) as u64,
+        ns: (1e3 * ours.result.work_us.p50) as u64,
         slow,
     };
     let reference_s = seconds * REFERENCE_SHARE;
     let reference = run_bare(&plan.loop_, other_core(&plan), reference_s, work, stop);
     check_stop(stop)?;
-    Ok(Row::new(scene, slow, seed, &run, &reference?.result))
+    Ok(Row::new(scene, slow, seed, &ours, &reference?.result))
 }
 
 /// # Errors

@@ -4,6 +4,7 @@ use super::{Deadline, MAX_P999_RATIO, Row};
 use crate::report::table::Table;
 use crate::report::units::length;
 use hrtc_core::record::max_or_nan;
+use std::collections::BTreeSet;
 
 /// The table and the verdict.
 #[must_use]
@@ -24,11 +25,29 @@ pub fn words(found: &Deadline) -> String {
          p99.9 over reference: median of the seeds; all else: sums and the largest of the seeds\n\n{table}\n"
     );
     let odd = odd(&summaries);
-    for sentence in found.left_out.iter().chain(&odd).chain(&found.failed) {
+    let denied = missing_rights(&found.rows);
+    let sentences = found.left_out.iter().chain(&denied).chain(&odd);
+    for sentence in sentences.chain(&found.failed) {
         text += sentence;
         text.push('\n');
     }
     text + &verdict(found)
+}
+
+/// What the controller was denied: its ticks may be longer for want of it.
+fn missing_rights(rows: &[Row]) -> Option<String> {
+    let all: BTreeSet<&str> = rows
+        .iter()
+        .flat_map(|row| &row.missing_rights)
+        .map(String::as_str)
+        .collect();
+    let all: Vec<&str> = all.into_iter().collect();
+    (!all.is_empty()).then(|| {
+        format!(
+            "ran without all real-time rights, so ticks may be longer than with them: {}",
+            all.join("; ")
+        )
+    })
 }
 
 /// All seeds of a scene at one F, which are never none.
@@ -260,6 +279,25 @@ pub(super) mod tests {
         assert_eq!(words(&found).matches("is smaller than").count(), 1);
         found.rows[3].certified_error_m.p99 = 2e-3;
         assert_eq!(words(&found).matches("is smaller than").count(), 0);
+    }
+
+    #[test]
+    fn a_right_that_was_denied_is_said_once() {
+        let denied = Row {
+            missing_rights: vec!["memory is not locked".to_owned()],
+            ..kept()
+        };
+        let text = |rows: Vec<Row>| {
+            words(&Deadline {
+                rows,
+                left_out: Vec::new(),
+                failed: Vec::new(),
+                pass: true,
+            })
+        };
+        let said = text(vec![kept(), denied.clone(), denied]);
+        assert_eq!(said.matches("memory is not locked").count(), 1, "{said}");
+        assert!(!text(vec![kept()]).contains("rights"));
     }
 
     #[test]
