@@ -1,8 +1,9 @@
 //! `rt-tests costs`: what a unit of the tick's counted work costs on this machine.
 //!
-//! It measures as a controller does before its first tick ([`hrtc::calibration`]), several times.
-//! The costs of the reference machine in the code are those that this printed there: those of the
-//! queries by a fit of the times of ticks (`fit`), the others by the bundled patch.
+//! It measures as a controller does before its first tick ([`hrtc::calibration`]), but without its
+//! rights and several times. The costs of the reference machine in the code are those that this
+//! printed there: those of the queries by a fit of the times of ticks (`fit`), the others by the
+//! bundled patch.
 
 mod fit;
 
@@ -18,7 +19,7 @@ use hrtc::calibration::{
     Measured, PATCH_DEVICE_N, PATCH_IDENTITY, PATCH_SECONDS, PatchInputs, PatchTick, measure,
     patch_plan,
 };
-use hrtc_core::governor::{CostGroup, Governor, WorkCosts};
+use hrtc_core::governor::{CostGroup, Governor, TickLoad, WorkCosts};
 use scene::ScenePlan;
 use serde::Serialize;
 use simulator::{Client, ClientOptions, Drive, STATION, Simulation, station};
@@ -128,9 +129,11 @@ fn governor_ns() -> f64 {
     let mut block = || {
         let began = Instant::now();
         for tick in 0..BLOCK {
-            governor.begin_tick(std::hint::black_box([1, 1]));
-            governor.end_queries(tick, std::hint::black_box(false), true);
+            governor.note_devices(std::hint::black_box(0.0));
             governor.note_work(std::hint::black_box(2e5));
+            governor.begin_tick(std::hint::black_box([1, 1]));
+            governor.set_load(&TickLoad::from(std::hint::black_box([1, 1])));
+            governor.end_queries(tick, std::hint::black_box(false), true);
         }
         began.elapsed().as_nanos() as f64 / BLOCK as f64
     };
