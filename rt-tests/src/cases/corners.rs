@@ -186,6 +186,8 @@ pub const CASES: &[Case] = &[
     },
 ];
 
+/// Rounds within which a projection is to be found.
+const MAX_ROUNDS: u32 = 16;
 /// How far a reference point may be outside a half-space, in shares of the numbers' size.
 const FEASIBLE: f64 = 1e-11;
 
@@ -319,7 +321,7 @@ fn valley(Trial { size, random, .. }: Trial<'_>) -> Result<Found, Failure> {
 }
 
 /// Case 8: distance of the step from the exact projection, over the numbers' size, the largest,
-/// among 3 to 64 planes around a tip or pit.
+/// among 3 to 64 planes around a tip or pit; infinite where it took more than 16 rounds.
 fn tip(Trial { size, random, .. }: Trial<'_>) -> Result<Found, Failure> {
     let mut found = Found::new(0.0);
     for count in [3, 4, 5, 8, 16, 32, 64] {
@@ -336,8 +338,10 @@ fn tip(Trial { size, random, .. }: Trial<'_>) -> Result<Found, Failure> {
                 })
                 .collect();
             let goal = within(random) - DVec3::Z;
-            let step = project(goal, &planes).point;
-            found.most(step.distance(exact(goal, &planes)));
+            let step = project(goal, &planes);
+            found.most(step.point.distance(exact(goal, &planes)));
+            found.must(step.rounds <= MAX_ROUNDS);
+            found.log("rounds", f64::from(step.rounds));
         }
     }
     Ok(found)

@@ -224,6 +224,7 @@ fn friction_loop(
         });
         found.most(energy / work);
     }
+    found.must(bench.effect_calls() > 0);
     Ok(found)
 }
 
@@ -347,6 +348,7 @@ fn texture_loop(
             let direction = along(&mut bench, path, ms as u64);
             found.most(direction.energy / direction.work);
         }
+        found.must(bench.effect_calls() > 0);
     }
     Ok(found)
 }
@@ -405,7 +407,7 @@ fn alias(
         bench.travel(place(start + step * 20.0));
         for tick in 0..50 {
             let at = place(start + step * 20.0 + 1e-4 * setup.jump() * f64::from(tick));
-            slow = slow.max(bench.touch(at).force.distance(due) / full);
+            slow = max_or_nan(slow, bench.touch(at).force.distance(due) / full);
         }
         bench.travel(DVec3::Z * 0.01);
     }
@@ -488,8 +490,7 @@ fn fields(
                 bench.travel(start);
                 let mut mass = FreeMass::new(start, DVec3::X * speed, period, encoder_m);
                 let mut force = DVec3::ZERO;
-                let (mut first, mut last) = (0.0f64, 0.0f64);
-                let mut before = start;
+                let (mut first, mut last, mut before) = (0.0, 0.0, start);
                 for tick in 0..setup.ticks(6000) {
                     let place = mass.advance(force);
                     force = bench.touch(place).force;
@@ -499,14 +500,14 @@ fn fields(
                     let moved = place.distance(before);
                     before = place;
                     if tick < setup.ticks(200) {
-                        first = first.max(moved);
+                        first = max_or_nan(first, moved);
                     } else if tick >= setup.ticks(5500) {
-                        last = last.max(moved);
+                        last = max_or_nan(last, moved);
                     }
                 }
                 // A step of the encoder to and fro is no swing.
                 found.must(last.is_finite() && before.is_finite());
-                let left = (last - 2.0 * encoder_m).max(0.0) / first;
+                let left = f64::max(last - 2.0 * encoder_m, 0.0) / first;
                 found.most(left);
                 found.log(effects, left);
             }
@@ -566,13 +567,12 @@ fn boundary(
         let period = bench.period_s();
         let most_n = bench.plan().safety.force_max_n;
         for _ in 0..size.of(20, 2000) {
-            let mut push = Push::default();
             let start = DVec3::Z * (BOUNDARY_M - 1e-3 - 1e-3 * unit(random));
             let speed = 0.05 + 0.45 * unit(random);
             bench.travel(start);
             let mut mass = FreeMass::new(start, DVec3::Z * speed, period, 0.0);
             let (mut force, mut last) = (DVec3::ZERO, start);
-            let (mut travel, mut touched) = (0.0, false);
+            let (mut travel, mut touched, mut push) = (0.0, false, Push::default());
             for _ in 0..setup.ticks(2000) {
                 let place = mass.advance(force);
                 if force != DVec3::ZERO {

@@ -47,11 +47,15 @@ const PRESS_M: f64 = 1e-4;
 /// Share of stiffness times [`PRESS_M`] with which the wall pushes at the least. A peg that is
 /// askew so that it gives way has a third (200 random ones, by the nearest pose within the play).
 const PUSHED_SHARE: f64 = 0.1;
+/// Ticks of the quick run between two looks whether a face is passed; the full one looks at all.
+const LOOK_TICKS: u64 = 10;
 
 /// A tool that goes into something, and what is asked of it.
 struct Fit {
     bench: Bench,
     tool: Tool,
+    /// Ticks between two looks whether a face is passed.
+    look_ticks: u64,
 }
 
 impl Fit {
@@ -72,7 +76,11 @@ impl Fit {
             triangles: of_tool.triangles.clone(),
         };
         let tool = Tool::new(&mesh).map_err(|error| Failure::Run(format!("a tool: {error:?}")))?;
-        Ok(Self { bench, tool })
+        Ok(Self {
+            bench,
+            tool,
+            look_ticks: LOOK_TICKS,
+        })
     }
 
     /// Whether no face of the proxy meets the surface.
@@ -94,11 +102,11 @@ impl Fit {
         met.is_none() && ending.is_complete()
     }
 
-    /// A tick at a pose; every tenth time it is looked at whether a face is passed. Where the proxy
-    /// is, and the force.
+    /// A tick at a pose, and now and then a look whether a face is passed. Where the proxy is, and
+    /// the force.
     fn tick(&mut self, pose: Pose, tick: u64, found: &mut Found) -> [DVec3; 2] {
         let response = self.bench.sample(Some(pose));
-        if tick.is_multiple_of(10) {
+        if tick.is_multiple_of(self.look_ticks) {
             let is_outside = self.is_outside();
             found.most(if is_outside { 0.0 } else { f64::INFINITY });
         }
@@ -191,6 +199,7 @@ fn in_and_out(
     beyond: fn(DVec2) -> DVec2,
 ) -> Result<Found, Failure> {
     let mut fit = Fit::new(object, &of_tool, defaults)?;
+    fit.look_ticks = size.of(LOOK_TICKS, 1);
     let mut found = Found::new(0.0);
     for towards in all_around(size.of(4, 100), unit(random)) {
         let mut any = || 2.0 * unit(random) - 1.0;
@@ -231,6 +240,7 @@ fn screw_in(
     }: Trial<'_>,
 ) -> Result<Found, Failure> {
     let mut fit = screw_in_nut(defaults)?;
+    fit.look_ticks = size.of(LOOK_TICKS, 1);
     let mut found = Found::new(0.0);
     // A turn above, out of the thread, it is turned as it was.
     fit.bench.travel(DVec3::Z * PITCH_M);

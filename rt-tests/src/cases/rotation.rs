@@ -6,8 +6,9 @@
 //! keeps the rendering passive.
 //!
 //! Energy is that of a touch: what the motors did since the tool was last off what it touches. What
-//! a touch dissipates excuses no other. The account of the product has no part in it: neither what
-//! it says was put out, nor what it says was given.
+//! a touch dissipates excuses no other. That of the whole run counts too: what each touch may put
+//! out must not add up. The account of the product has no part in it: neither what it says was put
+//! out, nor what it says was given.
 
 use super::case::{Case, Found, ProbeOfCase, Run, Size, Trial, positive};
 use super::held_tool::{HeldTool, box_tool, plan};
@@ -17,6 +18,7 @@ use crate::models::profiles::{extruded, revolved};
 use crate::models::surface::unit;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
+use hrtc_core::record::max_or_nan;
 use mutants::Mutant;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use scene::ProbeShape;
@@ -40,7 +42,11 @@ const fn of(name: &'static str, runs: &'static str, run: Run) -> Case {
         runs,
         probe: ProbeOfCase::Tool,
         ..Case::of(
-            [name, "", "energy put out at the device in a touch, J"],
+            [
+                name,
+                "",
+                "energy put out at the device in a touch, and in all, J",
+            ],
             ENERGY_SEEN_J,
             Mutant::Passivity,
             run,
@@ -310,8 +316,8 @@ impl Touch {
     }
 }
 
-/// Energy put out at the device in a touch, joules, the largest at any time: its true motion times
-/// what its motors render, whatever the account of the product says.
+/// Energy put out at the device in a touch, joules, the largest at any time, or in the whole run:
+/// its true motion times what its motors render, whatever the account of the product says.
 fn passivity(trial: Trial<'_>, held: &Held, surface: Rendered) -> Result<Found, Failure> {
     let Trial {
         size,
@@ -328,9 +334,13 @@ fn passivity(trial: Trial<'_>, held: &Held, surface: Rendered) -> Result<Found, 
         let is_off = raised(seconds) >= 1.0 && wrench == Wrench::ZERO;
         lifts += u64::from(is_off && !was_off);
         was_off = is_off;
-        torque_nm = torque_nm.max(wrench.torque.length());
+        torque_nm = max_or_nan(torque_nm, wrench.torque.length());
+        found.must(wrench.is_finite());
         found.most(touch.put_out_j(tool.device().work_j, is_off));
     }
+    let whole_j = tool.device().work_j;
+    found.most(whole_j);
+    found.log("energy put out in the whole run, J", whole_j);
     found.must(torque_nm > MIN_TORQUE_NM * defaults.stiffer().min(1.0));
     // It begins at the top of a lift, and comes there again in every period.
     let period = (LIFT_PERIOD_S / tool.period_s()) as u64;

@@ -207,6 +207,9 @@ fn thin_refined(
         let count = size.of(4, 200_000 / 18);
         sheet.pass_each(&bytes, (defaults, 0.0), count, random, &mut found)?;
     }
+    // Where nothing is refined meanwhile, nothing is shown.
+    let splits = found.logged.iter().find(|of| of.name == SPLITS);
+    found.must(splits.is_some_and(|of| of.value > 0.0));
     Ok(found)
 }
 
@@ -248,6 +251,8 @@ fn thin_coarse(
 const UNITS: f64 = 2.0;
 /// What is logged of a coarse front.
 const COARSE: &str = "certified error of a pass that counts, m";
+/// What is logged of a front that is refined.
+const SPLITS: &str = "splits during a pass";
 
 /// Share of its radius by which a ball may be within a surface and has not passed it.
 const WITHIN: f64 = 1e-3;
@@ -336,12 +341,14 @@ impl Sheet {
         let surface = place + DVec3::Z * (middle + 0.5 * self.thickness * up.z);
         let start = surface - direction * (6.0 * setup.radius_m);
         bench.travel(start);
-        let (mut keeps, mut certified) = (true, 0.0);
+        let (mut keeps, mut certified, mut splits) = (true, 0.0, 0);
         let end = surface + direction * DEPTH_M;
         pass(bench, start, end, speed, |response| {
             keeps &= self.keeps(&setup, response, up);
             certified = max_or_nan(certified, response.record.certified_error_m);
+            splits += response.record.vsplits;
         });
+        found.log(SPLITS, f64::from(splits));
         // What is no number is no bound.
         if self.certified.is_none_or(|most| certified < most) {
             found.right(keeps);

@@ -26,6 +26,8 @@ pub struct Projection {
     /// Whether it obeys every half-space. If not, they have no common point, or rounding prevents
     /// finding it, and the point obeys those added first.
     pub complete: bool,
+    /// Rounds that it took: half-spaces that were added.
+    pub rounds: u32,
     active: [(usize, f64); 3],
     count: usize,
 }
@@ -49,6 +51,7 @@ pub fn project(goal: DVec3, planes: &[Plane]) -> Projection {
     let mut best = Projection {
         point: goal,
         complete: false,
+        rounds: 0,
         active: [(0, 0.0); 3],
         count: 0,
     };
@@ -137,6 +140,7 @@ fn with_plane(
             let projection = Projection {
                 point,
                 complete: false,
+                rounds: old.rounds + 1,
                 active,
                 count: size,
             };
