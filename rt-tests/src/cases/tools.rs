@@ -12,7 +12,9 @@ use glam::{DQuat, DVec2, DVec3};
 use hrtc_core::record::max_or_nan;
 use mutants::Mutant;
 use scene::{DrivenPlan, MovablePlan, ProbeShape};
+use spm_builder::SoupMesh;
 use spm_builder::generate::{Shape, generate};
+use std::f64::consts::FRAC_PI_2;
 
 /// How far a tool that nothing holds may lag, metres.
 pub(super) const BEHIND_M: f64 = 5e-5;
@@ -46,6 +48,17 @@ pub const CASES: &[Case] = &[
             1.0,
             Mutant::ToolPairs,
             rolling,
+        )
+    },
+    Case {
+        facts: "issue 23: rolling on an edge",
+        runs: "the same along an edge of 90 degrees, across which it lies",
+        ..of(
+            "rolling-on-edge",
+            "stray of the force from K times the depth, of 0.05 N",
+            1.0,
+            Mutant::ToolPairs,
+            rolling_on_edge,
         )
     },
     Case {
@@ -128,12 +141,25 @@ pub const CASES: &[Case] = &[
 ];
 
 /// A cylinder lies on a plate and rolls.
-fn rolling(
+fn rolling(trial: Trial<'_>) -> Result<Found, Failure> {
+    rolls(trial, shapes::plate(), DQuat::IDENTITY)
+}
+
+/// A cylinder lies across an edge, which is along y, and rolls along it.
+fn rolling_on_edge(trial: Trial<'_>) -> Result<Found, Failure> {
+    let along_y = DQuat::from_rotation_z(FRAC_PI_2);
+    rolls(trial, shapes::roof(FRAC_PI_2), along_y)
+}
+
+/// A cylinder rolls over an object, along x as it is `turned`.
+fn rolls(
     Trial {
         size,
         random,
         defaults,
     }: Trial<'_>,
+    object: SoupMesh,
+    turned: DQuat,
 ) -> Result<Found, Failure> {
     let (radius, depth, speed) = (3e-3, 5e-4, 0.1);
     let mut mesh = prism(&circle(radius, 64), 0.01);
@@ -141,30 +167,33 @@ fn rolling(
         // Its middle at the device.
         p[2] -= 0.005;
     }
-    let mut bench = Bench::with_tool(&model(shapes::plate(), true)?, defaults, tool(&mesh))?;
-    let lying = DQuat::from_rotation_x(std::f64::consts::FRAC_PI_2);
-    bench.turn(lying);
+    let mut bench = Bench::with_tool(&model(object, true)?, defaults, tool(&mesh))?;
+    let place = |x: f64, z: f64| turned * DVec3::new(x, 0.0, z);
+    let rolled_to = |x: f64| {
+        let lying = DQuat::from_rotation_x(FRAC_PI_2);
+        turned * DQuat::from_rotation_y(x / radius) * lying
+    };
+    bench.turn(rolled_to(0.0));
     bench.settle(DVec3::Z * 0.01)?;
     let mut found = Found::new(0.0);
     let due = defaults.stiffness_n_per_m * depth;
     let mut rolled = 0.0;
     for _ in 0..size.of(1, 100) {
         let start = 0.01 * unit(random);
-        let turned = |x: f64| DQuat::from_rotation_y(x / radius) * lying;
-        bench.press(DVec3::new(start, 0.0, radius - depth), DVec3::Z);
+        bench.press(place(start, radius - depth), DVec3::Z);
         for tick in 1..=defaults.ticks(400) {
             let x = speed * 1e-3 * defaults.ms(tick);
             let response = bench.sample(Some(Pose {
-                position: DVec3::new(start + x, 0.0, radius - depth),
-                orientation: turned(rolled + x),
+                position: place(start + x, radius - depth),
+                orientation: rolled_to(rolled + x),
             }));
             if tick > defaults.ticks(20) {
                 found.most(response.force.distance(DVec3::Z * due) / FELT_N);
             }
         }
         rolled += 400.0 * speed * 1e-3;
-        bench.turn(turned(rolled));
-        bench.travel(DVec3::new(start + 0.04, 0.0, 0.01));
+        bench.turn(rolled_to(rolled));
+        bench.travel(place(start + 0.04, 0.01));
         bench.travel(DVec3::Z * 0.01);
     }
     Ok(found)
