@@ -126,6 +126,22 @@ pub fn broken(rows: &[Row]) -> Vec<String> {
     broken
 }
 
+/// Libraries beside which ours has a limit, and which were not asked: those limits are not checked.
+pub fn not_asked<'a>(rows: impl Iterator<Item = &'a Row> + Clone) -> Vec<&'static str> {
+    let is_there =
+        |task: &str, who: Who| rows.clone().any(|row| row.task == task && row.who == who);
+    let mut libraries = Vec::new();
+    for limit in &LIMITS {
+        let library = limit.theirs[0].1.words();
+        let is_asked = limit.theirs.iter().any(|&(task, who)| is_there(task, who));
+        let is_unchecked = is_there(limit.task, limit.ours) && !is_asked;
+        if is_unchecked && !libraries.contains(&library) {
+            libraries.push(library);
+        }
+    }
+    libraries
+}
+
 impl Limit {
     fn broken(&self, rows: &[Row], what: &str, of: fn(&Row) -> f64) -> Option<String> {
         let row = |task: &str, who: Who| rows.iter().find(|row| row.task == task && row.who == who);

@@ -113,6 +113,9 @@ pub struct Compare {
     pub growth_levels: Vec<Level>,
     /// What is beyond its limit, in words; empty when all is well.
     pub broken: Vec<String>,
+    /// Libraries beside which ours has limits, and which were not asked: these limits are not
+    /// checked.
+    pub not_asked: Vec<&'static str>,
     /// What ended the command early; empty where all was measured.
     pub failed: Vec<String>,
 }
@@ -129,6 +132,7 @@ impl Compare {
             levels: Vec::new(),
             growth_levels: Vec::new(),
             broken: Vec::new(),
+            not_asked: Vec::new(),
             failed: Vec::new(),
         }
     }
@@ -142,6 +146,7 @@ impl Compare {
         let broken = marking::broken(&self.marking, &self.update_share);
         self.broken.extend(broken);
         self.broken.extend(levels::broken(&self.growth_levels));
+        self.not_asked = limits::not_asked(self.rows.iter().chain(&self.growth));
         Ok(self)
     }
 
@@ -381,6 +386,13 @@ fn words(found: &Compare) -> String {
     for broken in &found.broken {
         let _ = writeln!(text, "beyond its limit: {broken}");
     }
+    if !found.not_asked.is_empty() {
+        let libraries = found.not_asked.join(" and ");
+        let _ = writeln!(
+            text,
+            "not checked: the limits beside {libraries}, which --peers asks"
+        );
+    }
     for failed in &found.failed {
         let _ = writeln!(text, "failed: {failed}");
     }
@@ -404,6 +416,7 @@ mod tests {
         let mut rows = measured.unwrap_or_else(|error| panic!("{error}")).rows;
         assert_eq!(rows.len(), 3 * 4 + 2 * 6 + 3 + 3);
         assert_eq!(wrong(&rows), [""; 0]);
+        assert_eq!(limits::not_asked(rows.iter()), ["Embree", "FCL"]);
         assert!(
             rows.iter()
                 .all(|row| row.p50_ns <= row.p99_ns && row.p99_ns <= row.max_ns)
@@ -455,7 +468,20 @@ mod tests {
         assert_eq!(found.judge(), Err(Failure::Run(failure().to_string())));
         let whole = measured().ended(Ok(())).expect("nothing failed");
         assert_eq!(whole.judge(), Ok(()));
-        assert!(!words(&whole).contains("failed"));
+        assert!(!words(&whole).contains("failed") && !words(&whole).contains("not checked"));
+    }
+
+    #[test]
+    fn a_limit_beside_who_was_not_asked_is_said_not_to_be_checked() {
+        let mut found = measured();
+        found.rows[0].task = closest::PATH;
+        let found = found.ended(Ok(())).expect("nothing failed");
+        assert_eq!(found.not_asked, ["parry f32", "Embree"]);
+        let text = words(&found);
+        assert!(
+            text.contains("not checked: the limits beside parry f32 and Embree"),
+            "{text}"
+        );
     }
 
     #[test]

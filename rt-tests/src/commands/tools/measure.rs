@@ -15,8 +15,8 @@ use scene::ScenePlan;
 use simulator::Drive;
 use std::sync::atomic::AtomicBool;
 
-/// Steps of the reference in its tick. What is not settled then is at rest as far as a hand can
-/// tell.
+/// Steps of the reference in its tick, eight times the product's. That it is not settled then is
+/// counted.
 const REFERENCE: StepSettings = StepSettings {
     max_steps: 256,
     ..StepSettings::PRODUCT
@@ -29,6 +29,8 @@ struct Placed {
     force: DVec3,
     /// Centres of its parts, model units.
     centres: Vec<DVec3>,
+    /// Whether nothing of its motion remains.
+    is_settled: bool,
 }
 
 /// The reference, run before the product's own step.
@@ -51,13 +53,14 @@ impl StageObserver for Reference {
         }
         let mut proxy = tool.proxy.clone();
         proxy.set_steps(REFERENCE);
-        proxy.advance(tool.surface, &tool.goal, u32::MAX);
+        let moved = proxy.advance(tool.surface, &tool.goal, u32::MAX);
         let still = Twist::default();
         self.placed = Some(Placed {
             force: proxy
                 .wrench(&self.spring, self.metres_per_unit, &still)
                 .force,
             centres: centres(&proxy),
+            is_settled: moved.ending.is_complete() && !moved.is_unsettled && !moved.is_stuck,
         });
     }
 }
@@ -122,6 +125,7 @@ pub fn measure(
             behind_m: apart.fold(0.0, max_or_nan) * metres_per_unit,
             is_late: record.late_contacts > 0,
             is_contact: record.contact,
+            is_settled: expected.is_settled,
             units: record.query_work,
             travelled_m: device.zip(before).map_or(0.0, |(a, b)| a.distance(b)),
         });

@@ -2,8 +2,9 @@
 //!
 //! Both cores run in this process under a simulated clock ([`simulator`]), with the hand's loop
 //! closed. In every tick the product's proxy is copied before it moves; the copy moves to the same
-//! pose of the device on the same front until it is settled. The difference of the two is what the
-//! budget of a tick costs: in force, in distance, and in contacts that were found late.
+//! pose of the device on the same front until it is settled; where 256 steps do not settle it, that
+//! is counted. The difference of the two is what the budget of a tick costs: in force, in distance,
+//! and in contacts that were found late.
 //!
 //! The tools are a capsule of 924 faces (960 are asked for; whole rings make as many), on models at
 //! the size of the bundled scene, and a rod of 0.8 mm on a comb with slots of 1 mm.
@@ -288,7 +289,7 @@ fn with_seed(plan: &ScenePlan, to: u64) -> ScenePlan {
 }
 
 fn table(found: &Tools) -> String {
-    let heads = "model | tool | seed | contact\nticks | behind\n% | late\n% | different\n% | force off\nmN p50 | p99 | max | not late\nmax | force\nN p99 | step\nN max | reference\nN max | beyond\nN max | units\np50 | p99 | broken";
+    let heads = "model | tool | seed | contact\nticks | behind\n% | late\n% | different\n% | reference\nunsettled % | force off\nmN p50 | p99 | max | not late\nmax | force\nN p99 | step\nN max | reference\nN max | beyond\nN max | units\np50 | p99 | broken";
     let mut table = Table::new(2, heads).compact();
     let millinewtons = |newtons: f64| format!("{:.1}", 1e3 * newtons);
     let percent = |share: f64| format!("{:.2}", 100.0 * share);
@@ -302,6 +303,7 @@ fn table(found: &Tools) -> String {
             percent(row.behind_share),
             percent(row.late_share),
             percent(row.different_share),
+            percent(row.reference_unsettled_share),
             millinewtons(off.p50),
             millinewtons(off.p99),
             millinewtons(off.max),

@@ -32,6 +32,8 @@ pub struct TickDifference {
     pub is_late: bool,
     /// Whether the tool touched.
     pub is_contact: bool,
+    /// Whether nothing of the reference's motion remained.
+    pub is_settled: bool,
     /// Units of work of all queries.
     pub units: u32,
     /// Motion of the device, metres.
@@ -57,6 +59,9 @@ pub struct Row {
     pub late_share: f64,
     /// Share whose force differs by more than 0.05 N and 5 %.
     pub different_share: f64,
+    /// Share in which the reference itself was not settled after its last step: what a budget costs
+    /// is not known there.
+    pub reference_unsettled_share: f64,
     /// Difference of the force from the reference, newtons.
     pub force_difference_n: Quantiles,
     /// Its maximum over ticks in which no contact was found late.
@@ -122,6 +127,7 @@ pub struct TickSums {
     behind: u64,
     late: u64,
     different: u64,
+    unsettled: u64,
 }
 
 impl TickSums {
@@ -143,6 +149,7 @@ impl TickSums {
             behind: 0,
             late: 0,
             different: 0,
+            unsettled: 0,
         }
     }
 
@@ -182,6 +189,7 @@ impl TickSums {
         let is_near = tick.behind_m <= BEHIND_M;
         self.behind += u64::from(!is_near);
         self.late += u64::from(tick.is_late);
+        self.unsettled += u64::from(!tick.is_settled);
         if !tick.is_late {
             row.difference_not_late_n_max = max_or_nan(row.difference_not_late_n_max, difference);
         }
@@ -200,6 +208,7 @@ impl TickSums {
         row.behind_share = share(self.behind);
         row.late_share = share(self.late);
         row.different_share = share(self.different);
+        row.reference_unsettled_share = share(self.unsettled);
         row.force_difference_n = Quantiles::of(&mut self.differences);
         row.force_n = Quantiles::of(&mut self.forces);
         row.units = Quantiles::of(&mut self.units);
@@ -217,6 +226,7 @@ mod tests {
         behind_m: 0.0,
         is_late: false,
         is_contact: true,
+        is_settled: true,
         units: 10,
         travelled_m: 1e-4,
     };
@@ -280,6 +290,18 @@ mod tests {
         assert!(row.reference_step_n_max >= 1.0 && row.force_step_n_max <= 1.0);
         assert!((row.step_beyond_n_max - 0.12).abs() < 1e-9, "{row:?}");
         assert_eq!(row.broken(), ["force step"]);
+    }
+
+    #[test]
+    fn a_reference_that_is_not_settled_is_counted() {
+        let mut sums = TickSums::new(["model", "tool"], 1, 800.0);
+        for k in 0..1000 {
+            sums.add(&TickDifference {
+                is_settled: k % 100 > 0,
+                ..TICK
+            });
+        }
+        assert_eq!(sums.row().reference_unsettled_share, 0.01);
     }
 
     #[test]
