@@ -214,6 +214,12 @@ impl Verdict {
         self.pass && !self.open.is_empty()
     }
 
+    /// What one sees of it while others still run.
+    fn sentence(&self) -> String {
+        let [seen, limit] = [self.value, self.limit].map(number);
+        format!("{}: {}, {seen} of {limit}", self.name, self.word())
+    }
+
     /// The verdict in a word.
     fn word(&self) -> &'static str {
         match (self.pass, self.fails()) {
@@ -309,9 +315,12 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
         })?;
     } else {
         let run = |case: &&Case| {
-            let verdict = run_with_peers(case, args, program.as_ref());
             bar.set_message(case.name);
+            let verdict = run_with_peers(case, args, program.as_ref());
             bar.inc(1);
+            if args.full {
+                bar.suspend(|| eprintln!("{}", verdict.sentence()));
+            }
             verdict
         };
         // One at a time: some take minutes, most none.

@@ -73,11 +73,8 @@ fn peers(found: &Stability) -> Vec<String> {
 }
 
 fn summary(found: &Stability) -> String {
-    let run = if found.full {
-        "the full set"
-    } else {
-        "the quick set"
-    };
+    let set = if found.full { "full" } else { "quick" };
+    let run = format!("the {set} set at {} Hz", found.rate_hz);
     let seed = found.seed;
     if !found.mutants.is_empty() {
         let closed = found.mutants.iter().filter(|of| of.open.is_empty());
@@ -342,7 +339,7 @@ mod tests {
         };
         let page = page(&Stability {
             seed: 1,
-            rate_hz: 1000.0,
+            rate_hz: 500.0,
             full: false,
             cases: Vec::new(),
             step_times: Vec::new(),
@@ -350,6 +347,7 @@ mod tests {
         });
         for part in [
             "1 of 2 cases find",
+            "the quick set at 500 Hz, seed 1",
             "LIVES",
             "killed",
             "not run",

@@ -95,6 +95,12 @@ fn an_open_case_that_keeps_to_its_limit_is_told() {
 }
 
 #[test]
+fn a_long_run_tells_each_verdict() {
+    let said = [verdict("rest", true, ""), verdict("creep", false, "")].map(|of| of.sentence());
+    assert_eq!(said, ["rest: pass, 0 of 0", "creep: FAIL, 0 of 0"]);
+}
+
+#[test]
 fn a_rate_at_which_no_case_is_tested_is_refused() {
     for typed in ["250", "1e3", "4000"] {
         assert!(rate(typed).is_ok(), "{typed}");
