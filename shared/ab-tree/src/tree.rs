@@ -121,7 +121,8 @@ pub struct AbTree {
     last_listed: NodeId,
     /// For each node that was ever used: of a listed one, the one that was listed before it.
     listed_before: Vec<NodeId>,
-    /// For each face handle: the node above it, and its leaf key (0 = not in the tree).
+    /// For each face handle: the node above it, and its leaf key (0 = not in the tree; then the
+    /// node says nothing). Both begin as zeros, whose room the system does not write.
     face_node: Vec<NodeId>,
     face_key: Vec<u32>,
     root: Option<Child>,
@@ -148,7 +149,7 @@ impl AbTree {
             deformed: vec![0; capacity],
             last_listed: NONE,
             listed_before: Vec::with_capacity(capacity),
-            face_node: vec![NONE; capacity],
+            face_node: vec![0; capacity],
             face_key: vec![0; capacity],
             root: None,
             free: NONE,

@@ -11,7 +11,7 @@ impl Cache {
         self.mesh.check();
         self.tree.check(|face| self.mesh.face_box(face));
         assert_eq!(self.tree.faces(), self.mesh.active_faces());
-        let slots = self.references.len();
+        let slots = self.slots as usize;
         let (mut held, mut wanted) = (vec![0u16; slots], vec![0u16; slots]);
         for index in self.regions.indices() {
             let region = self.regions.at(index);
@@ -43,11 +43,11 @@ impl Cache {
         }
         let dependents = self.dependents(&free);
         for slot in 0..self.slots {
-            let references = &self.references[slot as usize];
             if free[slot as usize] {
                 assert!(!self.mesh.is_performed(slot));
                 continue;
             }
+            let references = &self.references[slot as usize];
             assert_eq!(self.ids.get(self.mesh.id(slot)), Some(slot), "id of a slot");
             assert_eq!(references.held, held[slot as usize], "holders");
             assert_eq!(references.wanted, wanted[slot as usize], "wanters");

@@ -133,6 +133,7 @@ pub struct Cache {
     mesh: ActiveMesh,
     tree: AbTree,
     ids: IdMap<u32>,
+    /// Those of the slots that were ever in use, so that the room for the others is not written.
     references: Vec<References>,
     free: Vec<Slot>,
     collapses: Ends,
@@ -202,7 +203,9 @@ impl Cache {
         Self::bytes_for(base.div_ceil(2) as usize + model.closure_max as usize + 1)
     }
 
-    /// Everything allocated now, at most `bytes` (the scene's `cache.bytes`).
+    /// Everything allocated now, at most `bytes` (the scene's `cache.bytes`). Unless the process
+    /// has locked its memory, what is kept for each slot takes memory as it is used, but for ids,
+    /// whose places are all over their table, and states.
     #[must_use]
     pub fn new(bytes: usize) -> Self {
         let (mut least, mut most) = (0, bytes / 64);
@@ -223,7 +226,7 @@ impl Cache {
                 .with_quarters(QuarteredFace::MAX as usize),
             tree: AbTree::new(2 * slots as u32),
             ids: IdMap::new(slots),
-            references: vec![References::default(); slots],
+            references: Vec::with_capacity(slots),
             free: Vec::with_capacity(slots),
             collapses: EMPTY_QUEUE,
             evictions: EMPTY_QUEUE,
@@ -436,14 +439,11 @@ impl Cache {
         }
         let slot = self.take_slot().ok_or(LoadError::NoRoom)?;
         if let Err(error) = self.put(slot, record) {
-            self.free.push(slot);
+            self.give_back(slot);
             return Err(error);
         }
         self.ids.insert(expected, slot);
-        self.references[slot as usize] = References {
-            held: 1,
-            ..References::default()
-        };
+        self.begin_references(slot);
         for dependency in self.mesh.dependencies(slot) {
             self.references[dependency as usize].loaded_dependents += 1;
         }
@@ -557,3 +557,6 @@ impl Cache {
         count
     }
 }
+
+#[cfg(test)]
+mod tests;

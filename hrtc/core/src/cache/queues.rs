@@ -5,6 +5,8 @@ use mutants::{Mutant, is};
 use spm::{NONE, Slot};
 
 impl Cache {
+    /// A slot for a record: one that came back, or the next that was never in use, which counts as
+    /// used from [`Cache::begin_references`] on.
     pub(super) fn take_slot(&mut self) -> Option<Slot> {
         if !self.has_slot() {
             return None;
@@ -12,10 +14,27 @@ impl Cache {
         if self.headroom() <= 0 {
             self.evict(self.evictions.first);
         }
-        self.free.pop().or_else(|| {
-            self.slots_used += 1;
-            Some(self.slots_used - 1)
-        })
+        Some(self.free.pop().unwrap_or(self.slots_used))
+    }
+
+    /// Gives a slot back that no record was put into.
+    pub(super) fn give_back(&mut self, slot: Slot) {
+        if slot < self.slots_used {
+            self.free.push(slot);
+        }
+    }
+
+    /// A record that one region holds is in a slot now.
+    pub(super) fn begin_references(&mut self, slot: Slot) {
+        let references = References {
+            held: 1,
+            ..References::default()
+        };
+        match self.references.get_mut(slot as usize) {
+            Some(place) => *place = references,
+            None => self.references.push(references),
+        }
+        self.slots_used = self.slots_used.max(slot + 1);
     }
 
     /// Slots without a record.

@@ -32,6 +32,7 @@ impl Links {
 /// were last used, or that in which they are unloaded.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct RegionTable {
+    /// Up to the last place that was ever in use, so that the room for the others is not written.
     regions: Vec<Option<Region>>,
     links: Vec<Links>,
     /// Used least, and most, recently.
@@ -66,7 +67,7 @@ impl RegionTable {
     #[must_use]
     pub fn new(capacity: usize) -> Self {
         Self {
-            regions: vec![None; capacity],
+            regions: Vec::with_capacity(capacity),
             links: vec![Links::NONE; capacity],
             used: Links::NONE,
             unloading: Links::NONE,
@@ -86,7 +87,7 @@ impl RegionTable {
     /// Begins to forget every region: nothing about them is to be told any more.
     pub fn begin_clear(&mut self) {
         self.forget_messages();
-        self.settled = self.regions.len();
+        self.settled = self.capacity();
     }
 
     /// Goes on to forget every region, as many as the `entries` that may be gone through.
@@ -102,7 +103,7 @@ impl RegionTable {
     /// Number of regions known.
     #[must_use]
     pub fn known(&self) -> usize {
-        self.regions.len() - self.free.len()
+        self.capacity() - self.free.len()
     }
 
     /// The most regions ever known at once.
@@ -114,7 +115,7 @@ impl RegionTable {
     /// Whether less than a sixteenth of the places is free.
     #[must_use]
     pub fn is_nearly_full(&self) -> bool {
-        self.free.len() < self.regions.len() / 16
+        self.free.len() < self.capacity() / 16
     }
 
     /// Index of a region.
@@ -144,7 +145,12 @@ impl RegionTable {
     pub fn request(&mut self, key: RegionKey) -> Option<usize> {
         let index = self.free.pop()?;
         self.by_key.insert(key, index);
-        self.regions[index as usize] = Some(Region::requested(key));
+        let region = Some(Region::requested(key));
+        // Places that were never in use come in their order.
+        match self.regions.get_mut(index as usize) {
+            Some(place) => *place = region,
+            None => self.regions.push(region),
+        }
         self.append(index);
         self.high_water = self.high_water.max(self.known());
         Some(index as usize)
@@ -196,7 +202,7 @@ impl RegionTable {
     /// answer or to be told is forgotten. One of the `entries` pays for a place, here and where it
     /// is declared. Returns whether all places are gone through.
     pub(super) fn settle_epoch(&mut self, entries: &mut u32) -> bool {
-        while self.settled < self.regions.len() {
+        while self.settled < self.capacity() {
             if *entries == 0 {
                 return false;
             }
@@ -377,12 +383,36 @@ impl RegionTable {
     /// Places in the table.
     #[must_use]
     pub fn capacity(&self) -> usize {
-        self.regions.len()
+        self.links.len()
     }
 
     /// The region at a place, if any.
     #[must_use]
     pub fn get(&self, place: usize) -> Option<&Region> {
-        self.regions[place].as_ref()
+        self.regions.get(place)?.as_ref()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn places_that_were_never_used_are_not_written() {
+        const PLACES: usize = 1000;
+        let mut table = RegionTable::new(PLACES);
+        let places = [0, 1, 2].map(|k| table.request(RegionKey::prefix(k)));
+        assert_eq!(places, [0, 1, 2].map(Some));
+        table.remove(1);
+        let again = table.request(RegionKey::prefix(3));
+        assert_eq!(again, Some(1), "a free one is used again");
+        assert_eq!(table.regions.len(), 3);
+        assert_eq!((table.known(), table.capacity()), (3, PLACES));
+        assert!(table.get(PLACES - 1).is_none());
+        // The end of an epoch goes through all places.
+        table.end_epoch();
+        let mut entries = PLACES as u32 + 1;
+        assert!(table.settle_epoch(&mut entries));
+        assert_eq!((entries, table.settled()), (1, PLACES));
     }
 }
