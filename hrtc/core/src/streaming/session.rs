@@ -336,9 +336,7 @@ impl Session {
         match ChunkKind::from_code(chunk.header.kind) {
             Some(ChunkKind::Model) => {
                 let (slot, now) = (chunk.header.code, context.meter.clock(context.tick));
-                if self.progress.done == 0
-                    && let Some(periods) = self.subscriber.model_begins(slot, now)
-                {
+                if let Some(periods) = self.subscriber.model_begins(slot, now) {
                     context.meter.answered(periods, context.tick);
                 }
                 return self.take_model(chunk, of, context);

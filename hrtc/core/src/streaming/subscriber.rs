@@ -69,7 +69,8 @@ pub struct Subscriber {
     consumed: u64,
     consumed_told: u64,
     model: u64,
-    /// When the model was asked for in this epoch, by the clock of the meter, and from which slot.
+    /// When the model was asked for in this epoch, by the clock of the meter, and from which slot;
+    /// [`NONE`] once its answer has begun.
     model_asked: Option<(u64, u32)>,
     /// Slots of the model that are here.
     model_from: u32,
@@ -280,10 +281,12 @@ impl Subscriber {
     }
 
     /// A chunk of the model that begins with a slot has come: the periods since the model was asked
-    /// for, if it was from there. `now`: by the clock of the meter.
-    pub fn model_begins(&self, slot: u32, now: u64) -> Option<u64> {
-        let (asked, _) = self.model_asked.filter(|&(_, from)| from == slot)?;
-        Some(now.saturating_sub(asked))
+    /// for, if it was from there; once, since the chunk may wait here for its turn. `now`: by the
+    /// clock of the meter.
+    pub fn model_begins(&mut self, slot: u32, now: u64) -> Option<u64> {
+        let (asked, from) = self.model_asked.as_mut().filter(|of| of.1 == slot)?;
+        *from = NONE;
+        Some(now.saturating_sub(*asked))
     }
 
     /// So many slots of the model are here: after a loss it is asked for from there.

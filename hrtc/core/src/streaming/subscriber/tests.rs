@@ -1,4 +1,4 @@
-//! What looks at predicted regions cost.
+//! What looks at predicted regions cost, and what an answer says of the round trip.
 
 use super::*;
 use crate::streaming::link_meter::Sent;
@@ -94,4 +94,20 @@ fn a_stall_counts_as_a_short_wait_only() {
     let counted = [1, 18, 300].map(|skipped| Horizons::new(1000.0).waited(skipped));
     assert_eq!(counted, [1, 18, 20]);
     assert_eq!(Horizons::new(4000.0).waited(300), 80);
+}
+
+/// Its first chunk waits for the time of a tick, behind those of other objects.
+#[test]
+fn a_model_tells_the_round_trip_once() {
+    let horizons = Horizons::new(1000.0);
+    let mut subscriber = Subscriber::new(IDENTITY, &horizons);
+    let (mut cache, meter) = (Cache::new(1 << 20), LinkMeter::new(&horizons));
+    subscriber.observe(1, 10, &meter, &mut cache);
+    let mut outbox = Outbox::new(1);
+    outbox.begin_session(0);
+    subscriber.requests(10, &mut cache, std::iter::empty(), &meter, &mut outbox);
+    assert_eq!(outbox.requests().len(), 1);
+    let told = [(64, 13), (0, 14), (0, 15), (0, 16)];
+    let told = told.map(|(slot, now)| subscriber.model_begins(slot, now));
+    assert_eq!(told, [None, Some(4), None, None]);
 }
