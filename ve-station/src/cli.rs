@@ -4,17 +4,13 @@ use crate::link;
 use clap::{Args, Parser, Subcommand};
 use scene_args::OverrideArgs;
 use serde::Serialize;
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::iterator::Signals;
 use spm_builder::generate::{self, Shape};
 use spm_builder::{BuildOptions, TerminalProgress};
 use std::error::Error;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use ve_station::export::{self, Detail, ExportFormat};
 use ve_station::inspect::{self, Facts};
 use ve_station::output::{check_is_not_input, check_output};
@@ -22,10 +18,6 @@ use ve_station::serve::{ServeArgs, serve};
 
 /// Status for a bad file, option or scene.
 const BAD_INPUT: u8 = 2;
-/// Status after a second Ctrl-C: 128 and the number of SIGINT.
-const INTERRUPTED: i32 = 130;
-/// Time within which a SIGINT is the same press as the one before.
-const SAME_PRESS: Duration = Duration::from_millis(300);
 
 #[derive(Debug, Parser)]
 #[command(
@@ -352,51 +344,14 @@ fn export_file(
 }
 
 fn serve_until_signal(options: ServeOptions) -> Result<(), Box<dyn Error>> {
-    let stop = stop_at_signals()?;
+    let stop = transport::signals::stop_flag()
+        .map_err(|error| format!("the handler of Ctrl-C was refused ({error})"))?;
     // Dropped after the link.
     let _lines = transport::logging::queue();
     let listen = options.listen.as_deref();
     let _link = link::listen(&options.domain, listen, options.keys.as_deref())?;
     serve(&options.into(), &stop)?;
     Ok(())
-}
-
-/// A flag that the first signal sets. Only a second Ctrl-C ends at once: `timeout` sends its signal
-/// to the process and to its group, and a person who wants more has SIGKILL. As `hrtc` hears them.
-fn stop_at_signals() -> std::io::Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let told = Arc::clone(&stop);
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mut signals = Signals::new(heard_with(&status))?;
-    let hear = move || {
-        let mut pressed = None;
-        for signal in signals.forever() {
-            told.store(true, Ordering::Relaxed);
-            if signal == SIGINT && is_second_press(&mut pressed, Instant::now()) {
-                signal_hook::low_level::exit(INTERRUPTED);
-            }
-        }
-    };
-    let thread = std::thread::Builder::new().name("signals".to_owned());
-    thread.spawn(hear)?;
-    Ok(stop)
-}
-
-/// The signals that end this process, by what the kernel says of it. Where SIGHUP was ignored at
-/// its start, it stays so: `nohup` means the process to outlive the terminal.
-fn heard_with(status: &str) -> Vec<i32> {
-    let mask = status
-        .lines()
-        .find_map(|line| line.strip_prefix("SigIgn:"))
-        .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    let is_ignored = mask.is_some_and(|mask| mask >> (SIGHUP - 1) & 1 == 1);
-    let hangup = (!is_ignored).then_some(SIGHUP);
-    [SIGINT, SIGTERM].into_iter().chain(hangup).collect()
-}
-
-/// Whether a SIGINT now is a second press; `first`: when the first one was.
-fn is_second_press(first: &mut Option<Instant>, now: Instant) -> bool {
-    now.duration_since(*first.get_or_insert(now)) > SAME_PRESS
 }
 
 fn format_named(name: &str) -> Result<ExportFormat, String> {
@@ -431,26 +386,4 @@ fn peak_rss_bytes() -> u64 {
         usage
     };
     u64::try_from(usage.ru_maxrss).unwrap_or(0) * 1024
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn one_press_that_arrives_twice_is_one_and_a_later_one_is_another() {
-        let (mut first, start) = (None, Instant::now());
-        for late in [Duration::ZERO, Duration::from_millis(1), SAME_PRESS] {
-            assert!(!is_second_press(&mut first, start + late), "{late:?}");
-        }
-        assert!(is_second_press(&mut first, start + 2 * SAME_PRESS));
-    }
-
-    #[test]
-    fn nohup_stays_in_force() {
-        let ignoring = |mask: &str| heard_with(&format!("Name:\tserve\nSigIgn:\t{mask}\n"));
-        assert_eq!(ignoring("0000000000000001"), [SIGINT, SIGTERM]);
-        assert_eq!(ignoring("0000000000001000"), [SIGINT, SIGTERM, SIGHUP]);
-        assert_eq!(heard_with(""), [SIGINT, SIGTERM, SIGHUP]);
-    }
 }

@@ -25,7 +25,7 @@
 //! }
 //! ```
 
-pub mod signals;
+mod signals;
 
 use crate::devices::DeviceRegistry;
 use crate::message::note;
@@ -35,10 +35,10 @@ use crate::station_link;
 use crate::tuning::RUN_SECONDS;
 use clap::{Args, Parser, Subcommand};
 use scene_args::OverrideArgs;
-use signals::INTERRUPTED;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use transport::signals::INTERRUPTED;
 
 /// Status of a run that failed.
 const FAILED: u8 = 1;

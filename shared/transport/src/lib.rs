@@ -5,6 +5,7 @@
 //! | `domain` | named domains, their services, ports and quality of service |
 //! | `turns` | receiving from many senders, each in its turn |
 //! | [`logging`] | lines of either process on standard error, which nobody waits for |
+//! | [`signals`] | what ends either process, and when Ctrl-C counts as pressed again |
 //!
 //! ```
 //! use transport::{Domain, TransportError};
@@ -18,6 +19,7 @@
 
 mod domain;
 pub mod logging;
+pub mod signals;
 mod turns;
 
 pub use domain::{
