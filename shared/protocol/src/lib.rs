@@ -83,6 +83,7 @@ mod answers;
 mod compact;
 mod files;
 mod hello;
+pub mod tour;
 mod version;
 mod wire;
 

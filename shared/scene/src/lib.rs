@@ -43,6 +43,7 @@ mod wording;
 
 pub use bytes::parse_bytes;
 pub use files::{Files, NoFiles};
+pub use limits::MAX_TOUR_SIDES_PER_S;
 pub use passivity::ActiveSurface;
 pub use plan::*;
 pub use portable::{FileKind, NamedFile, portable};

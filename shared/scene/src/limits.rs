@@ -24,6 +24,9 @@ pub(crate) const RATE_HZ: Range = Range::Within(100.0, MAX_RATE_HZ);
 pub(crate) const MAX_RATE_HZ: f64 = 10_000.0;
 /// Speed of a scripted path, m/s.
 pub(crate) const SPEED_M_PER_S: Range = Range::Within(1e-6, 1e3);
+/// Longest sides of its object that a tour goes in a second at the most: the station refuses faster
+/// ones.
+pub const MAX_TOUR_SIDES_PER_S: f64 = 20.0;
 
 /// Step of an encoder, metres; 0 for none. The smallest is far below that of any encoder, so that a
 /// place divided by it stays finite.

@@ -3,7 +3,7 @@
 use crate::files::{Files, read_text};
 use crate::limits::{Limit, MAX_LENGTH_M};
 use crate::plan::HeightMap;
-use crate::typed::Vector;
+use crate::typed::{Numbers, Vector};
 use crate::wording;
 use glam::DVec3;
 use serde::de::DeserializeOwned;
@@ -101,9 +101,9 @@ impl Source<'_> {
     pub(crate) fn vector<T>(
         &self,
         (key, at): Keyed<Spanned<T>>,
-        typed: [f64; 3],
+        typed: Numbers<3>,
     ) -> Result<DVec3, SceneError> {
-        let vector = DVec3::from_array(typed);
+        let vector = DVec3::from_array(typed.0);
         // NaN fails the comparison.
         if vector.abs().cmple(DVec3::splat(MAX_LENGTH_M)).all() {
             return Ok(vector);
@@ -123,9 +123,9 @@ impl Source<'_> {
     /// A direction, made a unit vector.
     pub(crate) fn direction(
         &self,
-        (key, typed): Keyed<Spanned<[f64; 3]>>,
+        (key, typed): Keyed<Spanned<Numbers<3>>>,
     ) -> Result<DVec3, SceneError> {
-        let vector = DVec3::from_array(*typed.get_ref());
+        let vector = DVec3::from_array(typed.get_ref().0);
         // Scaled first, so no square overflows or vanishes.
         let unit = (vector / vector.abs().max_element()).try_normalize();
         unit.ok_or_else(|| {

@@ -24,11 +24,12 @@ pub(crate) use movable::*;
 
 use crate::bytes::parse_bytes;
 use serde::Deserialize;
+use std::marker::PhantomData;
 use toml::Spanned;
 
 pub(crate) type Number = Option<Spanned<f64>>;
 pub(crate) type Whole = Option<Spanned<i64>>;
-pub(crate) type Vector = Option<Spanned<[f64; 3]>>;
+pub(crate) type Vector = Option<Spanned<Numbers<3>>>;
 
 tables! {
     struct SceneTyped {
@@ -120,12 +121,12 @@ tables! {
 
     #[derive(Default)]
     struct PoseTyped {
-        position_m: Option<[f64; 3]>,
-        orientation_wxyz: Option<[f64; 4]>,
+        position_m: Option<Numbers<3>>,
+        orientation_wxyz: Option<Numbers<4>>,
     }
 
     struct GridTyped {
-        counts: Spanned<[i64; 3]>,
+        counts: Spanned<Numbers<3, i64>>,
         spacing_m: Spanned<f64>,
     }
 
@@ -200,6 +201,36 @@ pub(crate) enum ShapeTyped {
 pub(crate) enum TrajectoryTyped {
     Tour(TourTyped),
     Csv(Spanned<String>),
+}
+
+/// So many numbers in brackets and no more: serde's own arrays leave what is too much unread.
+#[derive(Clone, Copy)]
+pub(crate) struct Numbers<const N: usize, T = f64>(pub(crate) [T; N]);
+
+impl<'de, const N: usize, T: Deserialize<'de>> Deserialize<'de> for Numbers<N, T> {
+    fn deserialize<D: serde::Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor<const N: usize, T>(PhantomData<T>);
+        impl<'de, const N: usize, T: Deserialize<'de>> serde::de::Visitor<'de> for Visitor<N, T> {
+            type Value = Numbers<N, T>;
+            fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+                write!(f, "an array of length {N}")
+            }
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(
+                self,
+                mut typed: A,
+            ) -> Result<Self::Value, A::Error> {
+                let mut numbers: Vec<T> = Vec::with_capacity(N);
+                while let Some(number) = typed.next_element()? {
+                    numbers.push(number);
+                }
+                let count = numbers.len();
+                let numbers: Option<[T; N]> = numbers.try_into().ok();
+                let refused = || serde::de::Error::invalid_length(count, &self);
+                numbers.map(Numbers).ok_or_else(refused)
+            }
+        }
+        deserializer.deserialize_seq(Visitor(PhantomData))
+    }
 }
 
 /// A size in bytes, typed as a number or with a unit.

@@ -20,6 +20,12 @@ fn told(text: &str, place: Range<usize>, message: &str) -> Option<String> {
     if let Some(missing) = message.strip_prefix("missing field ") {
         return Some(format!("{table} has no {missing}; write it too"));
     }
+    if message.starts_with("string values must be quoted") {
+        return Some(
+            "this is no value; write a text in quotes, and a number alone: its key names the unit"
+                .to_owned(),
+        );
+    }
     match message {
         "wanted exactly 1 element, found 0 elements" => {
             return Some(format!("{table} is empty; write in it what it is"));
@@ -31,9 +37,16 @@ fn told(text: &str, place: Range<usize>, message: &str) -> Option<String> {
         }
         _ => {}
     }
+    let is_kind = message == "wanted string or table";
+    if key.is_none()
+        && (is_kind || message.starts_with("invalid type: "))
+        && let Some(sentence) = header(value)
+    {
+        return Some(sentence);
+    }
     let key = key.unwrap_or("this");
     let shown = shown(value);
-    if message == "wanted string or table" {
+    if is_kind {
         return Some(format!(
             "{key} is {shown}; write a name in quotes or a table in braces"
         ));
@@ -49,6 +62,21 @@ fn told(text: &str, place: Range<usize>, message: &str) -> Option<String> {
     }
     let wanted = wanted(expected)?;
     Some(format!("{key} is {shown}; write {wanted}"))
+}
+
+/// The sentence for the header of a table with too few brackets or too many, which serde takes for
+/// something else than what its key is.
+fn header(value: &str) -> Option<String> {
+    let inside = |open: &str, close: &str| value.strip_prefix(open)?.strip_suffix(close);
+    if let Some(name) = inside("[[", "]]") {
+        return Some(format!(
+            "[[{name}]] begins one of several tables, but there is only one of it; write [{name}]"
+        ));
+    }
+    let name = inside("[", "]")?;
+    Some(format!(
+        "[{name}] begins the only table of its name, but there may be several; write [[{name}]]"
+    ))
 }
 
 /// What serde expects, as people write it.
@@ -174,6 +202,22 @@ mod tests {
                 "position_m is [0, 0]; write 3 numbers in brackets",
             ),
             (
+                "pose = { position_m = [0, 0, 0, 5] }",
+                "position_m is [0, 0, 0, 5]; write 3 numbers in brackets",
+            ),
+            (
+                "pose = { orientation_wxyz = [1, 0, 0, 0, 0] }",
+                "orientation_wxyz is [1, 0, 0, 0, 0]; write 4 numbers",
+            ),
+            (
+                "grid = { counts = [2, 2, 1, 9], spacing_m = 0.2 }",
+                "counts is [2, 2, 1, 9]; write 3 numbers",
+            ),
+            (
+                "movable = { rail = { axis = [0, 0, 1], mass_kg = 1, limits_m = [-1, 0, 1] } }",
+                "limits_m is [-1, 0, 1]; write 2 numbers",
+            ),
+            (
                 r#"pose = { position_m = [0, "x", 0] }"#,
                 r#"position_m is "x"; write a number"#,
             ),
@@ -198,6 +242,36 @@ mod tests {
         let said = refusal("[loop]\nrate_hz = \"1000\"", "");
         let says = "s, line 5: rate_hz is \"1000\"; write a number without quotes";
         assert!(said.starts_with(says), "{said}");
+    }
+
+    #[test]
+    fn a_header_with_too_few_or_too_many_brackets_is_named_with_the_right_ones() {
+        for (text, says) in [
+            (
+                "[object]\nsize_m = 0.1\n[[probe]]\n",
+                "line 1: [object] begins",
+            ),
+            ("[object]\nsize_m = 0.1\n[[probe]]\n", "; write [[object]]"),
+            ("[[loop]]\nrate_hz = 500\n", "line 1: [[loop]] begins"),
+            ("[[loop]]\nrate_hz = 500\n", "; write [loop]"),
+            ("[cache.change]\nat_s = 1\n", "; write [[cache.change]]"),
+            ("[[probe]]\n[[probe.device]]\n", "; write [probe.device]"),
+            // Nothing of the brackets.
+            ("[loop]\n[loop]\n", "duplicate key"),
+        ] {
+            let none = Overrides::default();
+            let said = parse(text, "s", Path::new(""), &none, &NoFiles).unwrap_err();
+            assert!(said.0.contains(says), "{said}");
+        }
+    }
+
+    #[test]
+    fn what_has_no_quotes_and_is_no_number_is_told_so() {
+        let said = refusal("importance = 1 or 2", "");
+        assert!(
+            said.starts_with("s, line 4: this is no value; write"),
+            "{said}"
+        );
     }
 
     #[test]

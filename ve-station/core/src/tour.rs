@@ -17,14 +17,12 @@ mod path;
 mod roll;
 mod touch;
 
-use crate::tuning::tour::{
-    FASTEST_SIDES_PER_S, HOVER_RADII, HOVER_S, HOVER_SIDES, MAX_DAMAGED, MAX_MOVED_RADII,
-    MIN_BALL_SIDES,
-};
+use crate::tuning::tour::{MAX_DAMAGED, MAX_MOVED_RADII};
 use geometry::Pose;
 use geometry::portable::{about, angle_between, cos, sin};
 use glam::{DQuat, DVec3};
 use path::{Leg, Resampler, Sample};
+use protocol::tour::{FASTEST_SIDES_PER_S, HOVER_SIDES, ball_radius, hover_height};
 use protocol::{LONGEST_TOUR_S, Refusal, TOUR_PERIOD_S, TourAsk, TourPoint, tour_points};
 use rand_xoshiro::Xoshiro256PlusPlus;
 use rand_xoshiro::rand_core::{RngCore, SeedableRng};
@@ -72,14 +70,14 @@ fn check(ask: &TourAsk, size: f64) -> Result<(), String> {
             "it is {seconds} seconds long: ask for more than 0 and at most {LONGEST_TOUR_S}"
         ));
     }
-    if !(speed > 0.0 && speed.is_normal() && speed <= FASTEST_SIDES_PER_S * size) {
+    // A scene lets in what is just at these limits; in model units that is rounded.
+    let longest = size * (1.0 + 1e-12);
+    if !(speed > 0.0 && speed.is_normal() && speed <= FASTEST_SIDES_PER_S * longest) {
         return Err(format!(
             "its speed is {:.3e} lengths of the model a second: make it positive and at most {FASTEST_SIDES_PER_S}, or the object larger",
             speed / size
         ));
     }
-    // A scene lets in what is as long as the model; in model units that is rounded.
-    let longest = size * (1.0 + 1e-12);
     for (name, length) in [("depth", depth), ("radius of the probe", radius)] {
         if !(0.0..=longest).contains(&length) {
             return Err(format!(
@@ -196,10 +194,8 @@ impl Tour {
             radius,
             ..
         } = ask;
-        let ball_radius = radius.max(MIN_BALL_SIDES * size);
-        let highest = HOVER_SIDES * size;
-        let hover = (HOVER_S * speed).max(HOVER_RADII * ball_radius);
-        let hover = hover.min(highest);
+        let ball_radius = ball_radius(size, radius);
+        let hover = hover_height(size, speed, radius);
         let diagonal = (upper - lower).length();
         Ok(Self {
             ask,
@@ -215,7 +211,7 @@ impl Tour {
                 size,
                 outside: 0.51 * diagonal + 2.0 * ball_radius,
                 hover,
-                reach: size * (hover / highest),
+                reach: size * (hover / (HOVER_SIDES * size)),
             },
             resampler: Resampler::new(speed * TOUR_PERIOD_S),
             making: None,

@@ -3,24 +3,11 @@
 
 /// Tours over a model.
 pub mod tour {
-    /// Height above the surface for moves between touches at the most, as a share of the longest
-    /// side ...
-    pub const HOVER_SIDES: f64 = 0.12;
-    /// ... and no more than a tour comes down from in so many seconds: a slow one is to touch too
-    /// ...
-    pub const HOVER_S: f64 = 0.5;
-    /// ... but at least so many radii of the ball: lower down, hardly any straight way to the next
-    /// touch is free.
-    pub const HOVER_RADII: f64 = 4.0;
-    /// The ball's radius at least, as a share of the longest side.
-    pub const MIN_BALL_SIDES: f64 = 0.004;
     /// The ball is moved at once by the way between two points, but by no more than this share of
     /// its radius: moved by the whole radius it could get through the surface.
     pub const MAX_MOVED_RADII: f64 = 0.75;
     /// Touches given up for damage of the file before the tour is refused.
     pub const MAX_DAMAGED: u32 = 1024;
-    /// The highest speed, longest sides a second: beyond it a period passes whole touches.
-    pub const FASTEST_SIDES_PER_S: f64 = 20.0;
     /// Steps of a search along a line before it counts as blocked.
     pub const MAX_LINE_STEPS: usize = 4000;
     /// Turns in a row before a slide gives up.

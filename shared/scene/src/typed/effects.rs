@@ -1,6 +1,6 @@
 //! An entry of a list of effects, as typed.
 
-use super::{Number, Vector, Whole};
+use super::{Number, Numbers, Vector, Whole};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -74,7 +74,7 @@ tables! {
 
     struct SpringTyped {
         point_m: Vector,
-        path_m: Option<Spanned<Vec<[f64; 3]>>>,
+        path_m: Option<Spanned<Vec<Numbers<3>>>>,
         stiffness_n_per_m: Spanned<f64>,
         damping_ns_per_m: Number,
         force_max_n: Number,
@@ -105,8 +105,8 @@ tables! {
     }
 
     struct BoxTyped {
-        lower_m: Spanned<[f64; 3]>,
-        upper_m: Spanned<[f64; 3]>,
+        lower_m: Spanned<Numbers<3>>,
+        upper_m: Spanned<Numbers<3>>,
     }
 }
 

@@ -1,6 +1,6 @@
 //! How an object moves, as typed.
 
-use super::{Number, Vector};
+use super::{Number, Numbers, Vector};
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -25,22 +25,22 @@ tables! {
     }
 
     struct HingeTyped {
-        axis: Spanned<[f64; 3]>,
+        axis: Spanned<Numbers<3>>,
         anchor_m: Vector,
         mass_kg: Spanned<f64>,
         inertia_kgm2: Vector,
         damping_nms_per_rad: Number,
         spring_nm_per_rad: Number,
-        limits_deg: Option<Spanned<[f64; 2]>>,
+        limits_deg: Option<Spanned<Numbers<2>>>,
         gravity_m_per_s2: Vector,
     }
 
     struct RailTyped {
-        axis: Spanned<[f64; 3]>,
+        axis: Spanned<Numbers<3>>,
         mass_kg: Spanned<f64>,
         damping_ns_per_m: Number,
         spring_n_per_m: Number,
-        limits_m: Option<Spanned<[f64; 2]>>,
+        limits_m: Option<Spanned<Numbers<2>>>,
         gravity_m_per_s2: Vector,
     }
 

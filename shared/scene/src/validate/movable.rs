@@ -9,7 +9,7 @@ use crate::plan::{
     RailPlan, ScenePlan, SpringDamperPlan, min_coupled_mass,
 };
 use crate::source::{Keyed, SceneError, Source, key};
-use crate::typed::{MovableTyped, Number, ObjectTyped, Vector};
+use crate::typed::{MovableTyped, Number, Numbers, ObjectTyped, Vector};
 use glam::DVec3;
 use toml::Spanned;
 
@@ -216,8 +216,8 @@ fn mass(
     })
 }
 
-fn moments(source: &Source, typed: &Spanned<[f64; 3]>) -> Result<DVec3, SceneError> {
-    let moments = DVec3::from_array(*typed.get_ref());
+fn moments(source: &Source, typed: &Spanned<Numbers<3>>) -> Result<DVec3, SceneError> {
+    let moments = DVec3::from_array(typed.get_ref().0);
     let is_positive = moments.min_element() > 0.0 && moments.max_element() <= MAX_COEFFICIENT;
     // No moment exceeds the sum of the two others: no mass is at a negative distance.
     let max = moments.max_element();
@@ -244,12 +244,12 @@ fn spring_damper(
 
 fn limits(
     source: &Source,
-    (key, typed): Keyed<Option<Spanned<[f64; 2]>>>,
+    (key, typed): Keyed<Option<Spanned<Numbers<2>>>>,
 ) -> Result<Option<[f64; 2]>, SceneError> {
     let Some(typed) = typed else {
         return Ok(None);
     };
-    let [min, max] = *typed.get_ref();
+    let [min, max] = typed.get_ref().0;
     // NaN fails every comparison, so it is refused.
     if min.is_finite() && max.is_finite() && min <= 0.0 && max >= 0.0 && min < max {
         return Ok(Some([min, max]));

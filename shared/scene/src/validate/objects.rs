@@ -101,7 +101,7 @@ fn copies(
     grid: &GridTyped,
 ) -> Result<Vec<ObjectPlan>, SceneError> {
     let spacing = source.required(key!(grid.spacing_m), LENGTH_M)?;
-    let counts = *grid.counts.get_ref();
+    let counts = grid.counts.get_ref().0;
     let total = counts
         .iter()
         .try_fold(1i64, |total, &n| total.checked_mul(n));
@@ -210,8 +210,8 @@ fn pose(source: &Source, typed: &ObjectTyped) -> Result<Pose, SceneError> {
     match &typed.pose {
         None => Ok(Pose::IDENTITY),
         Some(pose) => Pose::from_wxyz(
-            pose.get_ref().position_m.unwrap_or([0.0; 3]),
-            pose.get_ref().orientation_wxyz.unwrap_or([1.0, 0.0, 0.0, 0.0]),
+            pose.get_ref().position_m.map_or([0.0; 3], |of| of.0),
+            pose.get_ref().orientation_wxyz.map_or([1.0, 0.0, 0.0, 0.0], |of| of.0),
         )
         .filter(|pose| pose.position.abs().max_element() <= MAX_LENGTH_M)
         .ok_or_else(|| {

@@ -5,7 +5,7 @@
 //! (BurntSushi/rust-csv 208) and with CRLF (395), and every error here names its line.
 
 use super::objects::Objects;
-use crate::limits::{LENGTH_M, MAX_LENGTH_M, SPEED_M_PER_S};
+use crate::limits::{LENGTH_M, MAX_LENGTH_M, MAX_TOUR_SIDES_PER_S, SPEED_M_PER_S};
 use crate::plan::{ModelScale, ScenePlan, TrajectoryPlan};
 use crate::source::{SceneError, Source, key};
 use crate::typed::{ProbeTyped, TourTyped, TrajectoryTyped};
@@ -46,8 +46,8 @@ fn tour_plan(
 }
 
 /// Refuses tours that the station could not make: their object is smaller than they are deep, or
-/// than the probe's tip. The command line may have changed the size; of an object in metres a unit
-/// only the station knows it.
+/// than the probe's tip, or they are too fast for it. The command line may have changed size and
+/// speed; of an object in metres a unit only the station knows the size.
 pub(super) fn check(
     source: &Source,
     typed: &[Spanned<ProbeTyped>],
@@ -55,7 +55,10 @@ pub(super) fn check(
 ) -> Result<(), SceneError> {
     for (typed, probe) in typed.iter().zip(&plan.probes) {
         let TrajectoryPlan::Tour {
-            object, depth_m, ..
+            object,
+            depth_m,
+            speed_m_per_s,
+            ..
         } = probe.trajectory
         else {
             continue;
@@ -63,18 +66,28 @@ pub(super) fn check(
         let ModelScale::Size(size_m) = plan.objects[object].scale else {
             continue;
         };
+        let given = match &typed.get_ref().trajectory {
+            Some(TrajectoryTyped::Tour(tour)) => Some(tour),
+            _ => None,
+        };
+        let refuse = |given: Option<&Spanned<f64>>, sentence: &str| match given {
+            Some(given) => source.value(given, sentence),
+            None => source.value(typed, sentence),
+        };
         if depth_m > size_m {
             let sentence = format!(
                 "depth_m of the tour is {depth_m}, more than its object's size_m, {size_m}; write trajectory = {{ tour = {{ depth_m = ... }} }} with at most {size_m}, or a larger size_m"
             );
-            let given = match &typed.get_ref().trajectory {
-                Some(TrajectoryTyped::Tour(tour)) => tour.depth_m.as_ref(),
-                _ => None,
-            };
-            return Err(match given {
-                Some(given) => source.value(given, &sentence),
-                None => source.value(typed, &sentence),
-            });
+            let given = given.and_then(|tour| tour.depth_m.as_ref());
+            return Err(refuse(given, &sentence));
+        }
+        let fastest = MAX_TOUR_SIDES_PER_S * size_m;
+        if speed_m_per_s > fastest {
+            let sentence = format!(
+                "the tour goes at {speed_m_per_s} m/s, more than {MAX_TOUR_SIDES_PER_S} times its object's size_m, {size_m}, in a second; write speed_m_per_s (or --speed, which lies over it) with at most {fastest}, or a larger size_m"
+            );
+            let given = given.and_then(|tour| tour.speed_m_per_s.as_ref());
+            return Err(refuse(given, &sentence));
         }
         let tip_m = probe.shape.tip_m();
         if tip_m > size_m {
@@ -220,7 +233,14 @@ mod tests {
             let refused = plan(size, probe, given).unwrap_err().0;
             assert!(refused.contains(says), "{size} {probe}: {refused}");
         }
+        let fast = "trajectory = { tour = { speed_m_per_s = 2.5 } }";
+        let refused = plan("size_m = 0.1", fast, None).unwrap_err().0;
+        for says in ["line 5: the tour goes at 2.5 m/s", "with at most 2, or"] {
+            assert!(refused.contains(says), "{refused}");
+        }
         for (size, probe, given) in [
+            ("size_m = 0.1", fast, Some(0.125)),
+            ("metres_per_unit = 0.001", fast, None),
             ("size_m = 0.002", "", None),
             ("size_m = 0.001", shallow, None),
             ("size_m = 0.0015", deep, Some(0.2)),

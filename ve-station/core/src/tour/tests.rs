@@ -145,7 +145,7 @@ fn free_ways_never_come_near_the_mesh() {
     for (shape, file) in shapes() {
         for seed in 0..3 {
             let ask = ask(&file, seed, 30.0);
-            let ball = ask.radius.max(MIN_BALL_SIDES * 150.0 * ask.radius);
+            let ball = ball_radius(150.0 * ask.radius, ask.radius);
             let points = walk(&file, ask);
             assert!(points.iter().any(|(_, leg)| *leg == Leg::Free));
             for pair in points.windows(2) {
