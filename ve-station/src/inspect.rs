@@ -11,8 +11,8 @@ pub use seams::{Seam, Seams};
 pub use tolerance_table::{ToleranceRow, tolerance_table};
 
 use crate::file_bytes::FileBytes;
-use crate::tuning::inspect::{ERROR_SHARES, MAX_AREAS};
-pub use crate::tuning::inspect::{LEAD_M, OPERATIONS_A_TICK, PERIOD_S, PROBE_RADIUS_M};
+use crate::tuning::inspect::{ERROR_SHARES, LEAD_S, MAX_AREAS, RADII_AROUND};
+pub use crate::tuning::inspect::{OPERATIONS_A_TICK, PERIOD_S, PROBE_RADIUS_M};
 use picture::PictureError;
 use serde::Serialize;
 use spm::ModelHeader;
@@ -301,8 +301,7 @@ pub struct Inspection {
     pub tolerances: Vec<ToleranceRow>,
     /// Longest side in the world, metres: as asked, or 0.15.
     pub size_m: f64,
-    /// Greatest speed at full resolution at that size, m/s: operations a tick / (faces a square
-    /// metre x width of the refined patch x period).
+    /// Greatest speed at full resolution at that size, m/s: see [`greatest_speed`].
     pub greatest_speed_m_per_s: f64,
 }
 
@@ -381,14 +380,18 @@ pub struct Motion {
     pub period_s: f64,
 }
 
-/// The greatest speed at full resolution, m/s: K / (faces a square metre x width of the patch x
-/// period), where the patch is as wide as the probe with its lead on both sides, and a cell.
+/// The greatest speed at full resolution, m/s, as the controller counts it: K / (faces a square
+/// metre x width of the patch x period), where the patch is as wide as what is refined around the
+/// probe, a cell, and on both sides a lead that grows with the speed.
 #[must_use]
 pub fn greatest_speed(header: &ModelHeader, area: f64, motion: Motion) -> f64 {
     let metres = motion.metres_per_unit;
     let density = f64::from(header.faces) / (area * metres * metres);
-    let width = 2.0 * (motion.probe_radius_m + LEAD_M) + header.grid.cell * metres;
-    finite(motion.operations / (density * width * motion.period_s))
+    let width = 2.0 * RADII_AROUND * motion.probe_radius_m + header.grid.cell * metres;
+    // speed * (width + 2 lead speed) = product
+    let product = motion.operations / (density * motion.period_s);
+    let root = (width * width + 8.0 * LEAD_S * product).sqrt();
+    finite(2.0 * product / (width + root))
 }
 
 /// For each certified error the size of the smallest front that keeps it.

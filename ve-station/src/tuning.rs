@@ -79,8 +79,10 @@ pub mod inspect {
     pub const PERIOD_S: f64 = 1e-3;
     /// Radius of the probe in that figure, metres.
     pub const PROBE_RADIUS_M: f64 = 1e-3;
-    /// How far before a contact refinement starts in that figure, metres.
-    pub const LEAD_M: f64 = 2e-3;
+    /// Radii of the probe that are refined around it at rest, and time of motion by which that is
+    /// wider on either side, seconds: those of the controller.
+    pub const RADII_AROUND: f64 = 1.5;
+    pub const LEAD_S: f64 = 2e-3;
     /// Certified errors of the table, shares of the diagonal.
     pub const ERROR_SHARES: [f64; 6] = [0.1, 0.05, 0.02, 0.01, 0.005, 0.002];
     /// Faces whose areas are added up at the most: beyond, the answer is an estimate to about 0.3

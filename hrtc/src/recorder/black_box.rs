@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// When there is no recording or a file cannot be used.
 pub fn write_black_box(files: &[PathBuf], fault: &str, out: &Path) -> Result<(), RecordingError> {
-    let failed = |e| RecordingError::File(out.display().to_string(), e);
+    let failed = |e: std::io::Error| RecordingError::Disk(format!("{}: {e}", out.display()));
     // Another run may have deleted the oldest; a pipe or device cannot be read again.
     let gone = files.iter().rposition(|path| !path.is_file());
     let files = &files[gone.map_or(0, |last| last + 1)..];

@@ -136,7 +136,7 @@ impl Disk {
         let first = files.place.path(0);
         files
             .begin(0)
-            .map_err(|e| RecordingError::File(first.display().to_string(), e))?;
+            .map_err(|e| RecordingError::NewFile(first.display().to_string(), e))?;
         if !files.place.owns_folder {
             files.place.remove_later_files();
         }
@@ -407,6 +407,20 @@ mod tests {
     use super::*;
     use std::io::Read;
     use std::process::Command;
+
+    #[test]
+    fn a_place_that_takes_no_file_is_told_with_what_to_name_instead() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = Disk::start(RecordingPlace {
+            first: folder.path().join("none/run.mcap"),
+            keep_bytes: 1 << 30,
+            owns_folder: false,
+        });
+        let refused = refused.err().unwrap().to_string();
+        for says in ["none/run.mcap cannot be written", "--record FILE"] {
+            assert!(refused.contains(says), "{refused}");
+        }
+    }
 
     #[test]
     fn files_of_a_scene_longer_than_the_queue_wait_behind_other_bytes() {

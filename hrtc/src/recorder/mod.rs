@@ -71,9 +71,16 @@ use worker::{Ending, Sources, Worker};
 /// Reasons of a recording that cannot be written or read.
 #[derive(Debug, Error)]
 pub enum RecordingError {
-    /// The file system refused.
-    #[error("cannot use the recording {0}: {1}")]
+    /// The file system gives no file to read.
+    #[error(
+        "the recording {0} cannot be read ({1}); name a file that hrtc run or rt-tests run wrote"
+    )]
     File(String, io::Error),
+    /// The file system takes no file.
+    #[error(
+        "the recording {0} cannot be written ({1}); name a file in a folder that takes one (--record FILE), or none (--record off)"
+    )]
+    NewFile(String, io::Error),
     /// The file is not a recording of this version.
     #[error("{0} is not a recording of this version of hrtc; make one with hrtc run --record FILE")]
     NotARecording(String),

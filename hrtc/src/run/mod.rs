@@ -210,7 +210,7 @@ pub fn run_until(
     setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));
     let plan = &scene.plan;
-    room::check(plan, setup.costs)?;
+    room::check(plan, &setup, args.seconds)?;
 
     let shared = new_shared(plan);
     let (mut recording, taps) = RunRecording::start(args.record.as_deref(), &scene, &setup)?;

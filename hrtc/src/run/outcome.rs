@@ -199,7 +199,11 @@ fn write_text(
         )?;
     }
     if let Some(first) = recording {
-        writeln!(out, "recording {}", files_of(first).display())?;
+        let lacks = match r.safety.recording_errors {
+            0 => "",
+            _ => ", not of every tick: see what was said of it",
+        };
+        writeln!(out, "recording {}{lacks}", files_of(first).display())?;
     }
     Ok(())
 }
@@ -310,5 +314,9 @@ mod tests {
         std::fs::write(&first, b"").expect("it is written");
         let heard = text(&result, Some(&first));
         assert!(heard.ends_with("/run.mcap\n"), "{heard}");
+        // As on a full disk.
+        result.safety.recording_errors = 1;
+        let heard = text(&result, Some(&first));
+        assert!(heard.contains("/run.mcap, not of every tick"), "{heard}");
     }
 }

@@ -62,7 +62,7 @@ impl RunRecording {
                 Ok((Some(recording), Some(taps)))
             }
             Err(error) if is_default => {
-                note!("this run is not recorded: {error}{}", remedy(&error));
+                note!("this run is not recorded: {error}");
                 Ok((None, None))
             }
             Err(error) => Err(error),
@@ -118,14 +118,6 @@ impl RunRecording {
     }
 }
 
-/// What helps where the default place cannot be used: another one, if the place is the reason.
-fn remedy(error: &RecordingError) -> &'static str {
-    match error {
-        RecordingError::File(..) => "; name a file with --record",
-        _ => "",
-    }
-}
-
 /// Where a run's recording goes; `None` when it is off.
 fn place(named: Option<&Path>, plan: &ScenePlan, realtime_ns: u64) -> Option<RecordingPlace> {
     let named = match named {
@@ -141,7 +133,12 @@ fn place(named: Option<&Path>, plan: &ScenePlan, realtime_ns: u64) -> Option<Rec
         });
     }
     let keep_bytes = plan.record.keep_bytes?;
-    let folder = recordings_folder()?;
+    let Some(folder) = recordings_folder() else {
+        note!(
+            "this run is not recorded: no home is known for its file; name one with --record FILE"
+        );
+        return None;
+    };
     let seconds = realtime_ns / 1_000_000_000;
     let name = format!("{}-{seconds}-{}.mcap", plan.name, std::process::id());
     Some(RecordingPlace {
@@ -156,18 +153,4 @@ fn beside(path: &Path, word: &str) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_os_string();
     name.push(format!("-{word}.mcap"));
     path.with_file_name(name)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A file of another name has no more room for the files of the scene.
-    #[test]
-    fn another_file_is_advised_only_where_the_place_is_refused() {
-        let refused = std::io::ErrorKind::PermissionDenied.into();
-        let refused = RecordingError::File("run.mcap".to_owned(), refused);
-        assert!(remedy(&refused).contains("--record"));
-        assert_eq!(remedy(&RecordingError::Room(256)), "");
-    }
 }

@@ -4,13 +4,18 @@
 use super::RunError;
 use crate::calibration;
 use crate::message::note;
+use crate::setup::ControllerSetup;
 use crate::tuning::TICK_STACK_BYTES;
 use hrtc_core::governor::{TickLoad, TickNeed, WorkCosts};
+use protocol::tour::hover_height;
 use realtime::core_claim::CoreClaim;
 use realtime::interrupts::{CoreLoad, InterruptedCore, QuietCores};
 use realtime::loop_cores::own_cores;
 use realtime::rights::{obtain_processor, usable_cores};
-use scene::{ActiveSurface, LoopPlan, MovablePlan, ProbePlan, ProbeShape, ScenePlan};
+use scene::{
+    ActiveSurface, LoopPlan, ModelScale, MovablePlan, ProbePlan, ProbeShape, ScenePlan,
+    TrajectoryPlan,
+};
 
 /// The core on which a controller would tick that this process started now: that of the scene, or
 /// where it names none the one of this process that devices interrupt least and no other controller
@@ -128,14 +133,23 @@ pub(super) fn measure_costs(plan: &LoopPlan, slow: f64) -> WorkCosts {
     measured.map_or(WorkCosts::REFERENCE, |of| of.costs)
 }
 
-/// Says what of the plan this loop does not hold, on a machine of these costs.
+/// Says what of the plan a run of so many seconds does not hold, on a machine of the setup's costs.
 ///
 /// # Errors
 /// When a tick cannot end in its time even without contact.
-pub(super) fn check(plan: &ScenePlan, costs: WorkCosts) -> Result<(), RunError> {
+pub(super) fn check(
+    plan: &ScenePlan,
+    setup: &ControllerSetup,
+    seconds: Option<f64>,
+) -> Result<(), RunError> {
     if let Some(surface) = ActiveSurface::of(plan) {
         note!("{surface}");
     }
+    let led_s = seconds.map_or(setup.tour_seconds, |of| of.min(setup.tour_seconds));
+    if let Some(tour) = short_tour(plan, led_s) {
+        note!("{tour}");
+    }
+    let costs = setup.costs;
     let is_ball = |probe: &&ProbePlan| matches!(probe.shape, ProbeShape::Sphere { .. });
     let balls = plan.probes.iter().filter(is_ball).count();
     let tools = plan.probes.len() - balls;
@@ -165,6 +179,36 @@ pub(super) fn check(plan: &ScenePlan, costs: WorkCosts) -> Result<(), RunError> 
         );
     }
     Ok(())
+}
+
+/// Said of a tour that has not come down to its object after so many seconds; of an object in
+/// metres a unit only the station knows how high it begins.
+fn short_tour(plan: &ScenePlan, seconds: f64) -> Option<String> {
+    let mut probes = plan.probes.iter().enumerate();
+    probes.find_map(|(index, probe)| {
+        let TrajectoryPlan::Tour {
+            object,
+            speed_m_per_s,
+            ..
+        } = probe.trajectory
+        else {
+            return None;
+        };
+        let ModelScale::Size(size_m) = plan.objects[object].scale else {
+            return None;
+        };
+        let length_m = speed_m_per_s * seconds;
+        let height_m = hover_height(size_m, speed_m_per_s, probe.shape.tip_m());
+        // Another device may be somewhere else.
+        let ends_above = probe.custom_device.is_none() && length_m <= height_m;
+        ends_above.then(|| {
+            format!(
+                "the tour of probe {index} goes {:.3} mm in {seconds} s and begins {:.3} mm above its object, so it touches nothing: make it faster (speed_m_per_s, --speed) or longer (--seconds)",
+                1e3 * length_m,
+                1e3 * height_m
+            )
+        })
+    })
 }
 
 /// Said where a tick has no time for every probe near so many objects at once.
@@ -282,6 +326,32 @@ mod tests {
         );
         let none = short_of_time(&need(32.0), &plan);
         assert!(none.contains("even without contact"), "{none}");
+    }
+
+    #[test]
+    fn a_tour_that_ends_above_its_object_is_told() {
+        let told = |size: &str, probe: &str, seconds| {
+            let text = format!("[[object]]\nmodel = \"m.spm\"\n{size}\n[[probe]]\n{probe}\n");
+            let none = scene::Overrides::default();
+            let folder = std::path::Path::new("");
+            let plan = scene::parse(&text, "s", folder, &none, &scene::NoFiles);
+            short_tour(&plan.expect("a scene"), seconds)
+        };
+        let slow = "trajectory = { tour = { speed_m_per_s = 1e-4 } }";
+        // Four radii of the ball of 1 mm; the share of 15 cm that a tour is high at the most.
+        for (probe, seconds, millimetres) in [(slow, 39.0, "4.000 mm"), ("", 0.17, "18.000 mm")] {
+            let said = told("size_m = 0.15", probe, seconds).expect("it touches nothing");
+            assert!(said.contains(millimetres), "{said}");
+        }
+        assert_eq!(told("size_m = 0.15", slow, 41.0), None);
+        assert_eq!(told("size_m = 0.15", "", 0.19), None);
+        assert_eq!(told("metres_per_unit = 1", slow, 1.0), None);
+    }
+
+    #[test]
+    fn no_tour_is_faster_than_the_station_lets_it_be() {
+        let station = protocol::tour::FASTEST_SIDES_PER_S;
+        assert_eq!(scene::MAX_TOUR_SIDES_PER_S, station);
     }
 
     #[test]

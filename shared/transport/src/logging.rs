@@ -38,7 +38,12 @@ static HELD: AtomicUsize = AtomicUsize::new(0);
 pub fn start() {
     say_panics();
     let asked = std::env::var("HRTC_LOG").ok();
-    let level = asked.and_then(|level| level.parse().ok());
+    let level: Option<LevelFilter> = asked.as_ref().and_then(|level| level.parse().ok());
+    if let (Some(asked), None) = (asked, level) {
+        line(format_args!(
+            "HRTC_LOG={asked} is no level: write off, error, warn, info, debug or trace"
+        ));
+    }
     tracing_subscriber::fmt()
         .with_max_level(level.unwrap_or(LevelFilter::WARN))
         .with_writer(|| Events)

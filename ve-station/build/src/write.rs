@@ -193,10 +193,18 @@ fn write_into<T>(
 fn temporary_beside(output: &Path) -> io::Result<NamedTempFile> {
     let folder = folder_of(output);
     remove_left(folder);
-    tempfile::Builder::new()
+    let made = tempfile::Builder::new()
         .prefix(TEMPORARY_PREFIX)
         .permissions(readable_by_all())
-        .tempfile_in(folder)
+        .tempfile_in(folder);
+    // Its own sentence names a file that nobody asked for.
+    made.map_err(|error| {
+        let (folder, kind) = (folder.display(), error.kind());
+        io::Error::new(
+            kind,
+            format!("the folder {folder} takes no file ({kind}): name one that is there, has room and that you may write to"),
+        )
+    })
 }
 
 /// Removes the temporary files that killed processes left in a folder. What cannot be removed
@@ -238,6 +246,16 @@ mod tests {
     use std::io::{Read, Write};
     use std::os::unix::fs::{FileTypeExt, symlink};
     use std::time::{SystemTime, UNIX_EPOCH};
+
+    #[test]
+    fn a_folder_that_is_not_there_is_named_and_no_temporary_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let error = try_output(&folder.path().join("none/a.spm")).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::NotFound);
+        let said = error.to_string();
+        assert!(said.contains("none takes no file"), "{said}");
+        assert!(!said.contains(TEMPORARY_PREFIX), "{said}");
+    }
 
     /// A strip of triangles, each of which shares an edge with the next.
     fn strip(faces: u32) -> SoupMesh {

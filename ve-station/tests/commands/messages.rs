@@ -91,8 +91,10 @@ fn generate_build_and_inspect_agree() {
         }
         // A sphere of 5 cm radius has 0.0314 square metres.
         let cell = 0.1 / built["divisions"].as_f64().unwrap();
-        let speed = 96.0 / (4096.0 / 0.031_416 * (0.006 + cell) * 1e-3);
         let said = found["greatest_speed_m_per_s"].as_f64().unwrap();
+        // Three radii of 1 mm, a cell, and the way of 2 ms on either side.
+        let width = 0.003 + cell + 2.0 * 0.002 * said;
+        let speed = 96.0 / (4096.0 / 0.031_416 * width * 1e-3);
         assert!((said / speed - 1.0).abs() < 0.02, "{said} {speed}");
         let picture = ["inspect", "mesh.spm", "--picture", "mesh.png"];
         assert!(station(at, &picture).status.success());
