@@ -229,7 +229,7 @@ impl<'de, const N: usize, T: Deserialize<'de>> Deserialize<'de> for Numbers<N, T
                 numbers.map(Numbers).ok_or_else(refused)
             }
         }
-        deserializer.deserialize_seq(Visitor(PhantomData))
+        deserializer.deserialize_seq(Visitor::<N, T>(PhantomData))
     }
 }
 

@@ -290,10 +290,15 @@ fn numbers_out_of_range_are_refused() {
     says(with(&|a| a.speed = 0.0), "its speed is 0");
     says(with(&|a| a.speed = 1e300), "its speed is");
     says(with(&|a| a.seconds = 0.0), "it is 0 seconds");
-    says(with(&|a| a.radius = 1e9), "its radius of the probe is");
-    // 2 mm of a model of 1.5 mm.
     let header = file.model_header();
     let side = (DVec3::from_array(header.upper) - DVec3::from_array(header.lower)).max_element();
+    says(with(&|a| a.speed = 20.1 * side), "and at most 20, or");
+    // What a scene lets in, rounded in model units.
+    let mut fastest = good;
+    fastest.speed = (20.0 * side).next_up();
+    assert!(Tour::new(&file, fastest).is_ok());
+    says(with(&|a| a.radius = 1e9), "its radius of the probe is");
+    // 2 mm of a model of 1.5 mm.
     says(
         with(&|a| a.depth = side * (2.0 / 1.5)),
         "its depth is 1.333e0 lengths of the model: make it at least 0 and at most 1",
