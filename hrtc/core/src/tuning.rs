@@ -325,7 +325,8 @@ pub mod memory_pressure {
     pub const EARLY_S: f64 = 2.0;
     /// Steps before the finest ring is raised: no loading ahead, no coarser rings.
     pub const STEPS_BEFORE_COARSER: u32 = 2;
-    /// Time of contact over which it is judged whether the finest ring comes in time.
+    /// What contacts may lose for want of room at the most, as time at the error of the next ring;
+    /// with half of it the finest ring is raised.
     pub const MISSES_S: f64 = 0.256;
     /// Time without any question after the cache was found full.
     pub const PAUSE_S: f64 = 0.02;

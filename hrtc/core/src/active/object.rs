@@ -352,7 +352,7 @@ impl ActiveObject {
         let Some(touch) = touch else {
             return;
         };
-        let accuracy = self.front.accuracy_at(&touch.contact, touch.certified);
+        let accuracy = self.front.accuracy_at(k, &touch.contact, touch.certified);
         self.contacts.pairs[k].contact = Some(ContactState {
             contact: touch.contact,
             certified: touch.certified,

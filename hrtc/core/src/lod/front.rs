@@ -9,7 +9,7 @@
 //! | `geomorph` | moves vertices so slowly that no probe perceives it |
 
 use super::approach::Approach;
-use super::lod_controller::LodController;
+use super::lod_controller::{LodController, Ring};
 use super::memory_pressure::MemoryPressure;
 use super::predict::Sources;
 use super::predictions::Predictions;
@@ -393,18 +393,16 @@ impl Front {
         ]
     }
 
-    /// The accuracy at a contact of this certified error, model units; notes whether it comes in
-    /// time.
-    pub fn accuracy_at(&mut self, contact: &Contact, certified: f32) -> Accuracy {
+    /// The accuracy at a probe's contact of this certified error, model units; notes what it misses
+    /// for want of room.
+    pub fn accuracy_at(&mut self, probe: usize, contact: &Contact, certified: f32) -> Accuracy {
+        let missing = self.missing_at(probe, contact, certified);
+        self.pressure.record_contact(missing);
         let reached = if certified == 0.0 {
             Some(0.0)
         } else {
             self.tolerance_at(contact)
         };
-        let as_fine = reached.is_some_and(|t| t <= self.finest_tolerance());
-        // Splits blocked by the contact must not trigger coarsening.
-        let is_blocked = self.stats.deferred + self.stats.rejected > 0;
-        self.pressure.record_contact(as_fine || is_blocked);
         // A face that still moves is not what was asked for.
         let faces = contact.faces.iter().take_while(|&&face| face != NONE);
         let is_moving = self
@@ -417,6 +415,45 @@ impl Front {
             tolerance_m: reached.map_or(-1.0, |t| f64::from(t) * scale),
             is_as_asked: self.is_as_asked(certified, reached),
         }
+    }
+
+    /// The error of a contact for want of room, in errors of the next coarser ring. Of a region
+    /// that is here it is that of its ring: what is missing then is time, or the probe is in the
+    /// way.
+    fn missing_at(&self, probe: usize, contact: &Contact, certified: f32) -> f64 {
+        let Some(lod) = self.lod() else {
+            return 0.0;
+        };
+        let finest = match self.plan {
+            RefinementPlan::Local => self.approaches[probe].finest,
+            RefinementPlan::Global { .. } => lod.finest(),
+        };
+        let Some(ring) = lod.rings().get(finest) else {
+            return 0.0;
+        };
+        let index = self.cache.regions.index(self.key_at(ring, contact));
+        let is_here = index.is_some_and(|index| self.cache.regions.at(index).is_resident());
+        let error = if is_here {
+            certified.min(ring.tolerance)
+        } else {
+            certified
+        };
+        match (self.plan, lod.rings().get(finest + 1)) {
+            (RefinementPlan::Local, Some(next)) => f64::from(error) / f64::from(next.tolerance),
+            (RefinementPlan::Local, None) => 0.0,
+            // A block that finds no room once never does.
+            (RefinementPlan::Global { .. }, _) if is_here || error == 0.0 => 0.0,
+            (RefinementPlan::Global { .. }, _) => f64::INFINITY,
+        }
+    }
+
+    /// The region of a ring that holds a contact.
+    fn key_at(&self, ring: &Ring, contact: &Contact) -> RegionKey {
+        let id = match self.plan {
+            RefinementPlan::Local => ring.grid.region_of_point(contact.point),
+            RefinementPlan::Global { .. } => RegionId::WHOLE,
+        };
+        RegionKey::new(id, ring.tolerance)
     }
 
     /// Whether a contact of this certified error and reached tolerance, model units, is what was
@@ -435,12 +472,8 @@ impl Front {
     /// region that holds it and is done; `None` where not even the coarsest is.
     fn tolerance_at(&self, contact: &Contact) -> Option<f32> {
         self.lod()?.rings().iter().find_map(|ring| {
-            let id = match self.plan {
-                RefinementPlan::Local => ring.grid.region_of_point(contact.point),
-                RefinementPlan::Global { .. } => RegionId::WHOLE,
-            };
-            let key = RegionKey::new(id, ring.tolerance);
-            self.is_done(key).then_some(ring.tolerance)
+            let is_done = self.is_done(self.key_at(ring, contact));
+            is_done.then_some(ring.tolerance)
         })
     }
 

@@ -1,4 +1,24 @@
 //! Memory pressure: the reaction to a cache that is too small for what is wanted.
+//!
+//! First nothing is loaded ahead of need, then the coarser rings around the finest go, then the
+//! finest ring itself comes coarser: each time where the step before was not enough.
+//!
+//! # When the contact comes coarser
+//!
+//! A cache that holds a region now and again leaves the contact at full resolution for a while and
+//! at the base mesh for another. The next coarser ring is better where it has less error than that
+//! on average. So with e the error of a contact, n that of the next ring, and m what was lost so
+//! far, in ticks of n,
+//!
+//! `m = min(max(m + e / n - 1, 0), MISSES_S)`
+//!
+//! and where a region finds no room the finest ring is raised if m is half of that or more. Where
+//! the mean of e is above n, m gets there; where it is below, m returns to 0. A larger cache misses
+//! less, so that the contact is no coarser in it on average. What is here but not refined yet waits
+//! for time or for the probe: its error is that of its ring.
+//!
+//! A step back is a trial, which ends at the first region that finds no room once half of
+//! `MISSES_S` is lost. After one that fails the wait for the next doubles, up to `MAX_WAIT_S`.
 
 use super::lod_controller::MAX_RINGS;
 use crate::horizons::PressureHorizons;
@@ -90,16 +110,16 @@ impl Steps {
 
 /// What is done without while the cache is too small for what is wanted.
 ///
-/// Each step that turns out not to be enough is followed by the next: first nothing is loaded ahead
-/// of need, then the coarser rings around the finest go, then the finest ring itself comes coarser.
-/// Back it goes one step at a time, after a wait that doubles whenever the step back turned out to
-/// be too early.
+/// See the module.
 #[derive(Debug, Clone, serde::Serialize, serde::Deserialize)]
 pub struct MemoryPressure {
     steps: Steps,
-    /// Contact ticks that were coarser than the finest ring, less those that were not.
+    /// What the contacts lost of late, in [`PARTS`] of a tick at the error of the next ring.
     misses: u32,
 }
+
+/// Parts of a tick that are counted.
+const PARTS: u32 = 16;
 
 /// Most steps: these, then every ring.
 const MAX_STEPS: u32 = STEPS_BEFORE_COARSER + MAX_RINGS as u32;
@@ -114,13 +134,12 @@ impl MemoryPressure {
         }
     }
 
-    /// Whether the contact of a tick was as fine as the finest ring.
-    pub fn record_contact(&mut self, as_fine: bool) {
-        self.misses = if as_fine {
-            self.misses.saturating_sub(1)
-        } else {
-            (self.misses + 1).min(self.steps.horizons.misses)
-        };
+    /// The error that a contact has in a tick for want of room, in errors of the next coarser ring:
+    /// 0 at full resolution, infinite where only a step can help.
+    pub fn record_contact(&mut self, error: f64) {
+        let lost = (error * f64::from(PARTS)) as u32;
+        let misses = self.misses.saturating_add(lost).saturating_sub(PARTS);
+        self.misses = misses.min(PARTS * self.steps.horizons.misses);
     }
 
     /// The cache could not hold what was to come.
@@ -128,10 +147,9 @@ impl MemoryPressure {
         if !self.steps.want(tick) {
             return;
         }
-        // A block that comes in time for the contact now and again fits: a coarser one would be
-        // coarser always.
+        // Where the contacts have less error than the next ring, that would only be coarser.
         let is_coarser = self.steps.count >= STEPS_BEFORE_COARSER;
-        if is_coarser && self.misses < self.steps.horizons.misses / 2 {
+        if is_coarser && self.misses < PARTS * self.steps.horizons.misses / 2 {
             return;
         }
         self.misses = 0;
@@ -199,7 +217,7 @@ mod tests {
         assert!(economy.may_prefetch() && economy.has_rings() && economy.may_ask(0));
         let mut tick = 100;
         for steps in 1..=5 {
-            (0..horizons.misses).for_each(|_| economy.record_contact(false));
+            (0..horizons.misses).for_each(|_| economy.record_contact(2.0));
             economy.starve(tick);
             economy.starve(tick + 1);
             assert_eq!(economy.steps(), steps, "a step takes time to work");
@@ -225,16 +243,35 @@ mod tests {
         );
     }
 
+    /// Misses of several sizes, each as often as gives this mean error.
     #[test]
-    fn what_comes_in_time_mostly_is_not_made_coarser() {
-        let (mut economy, _) = kilohertz();
-        for tick in 0..10_000 {
-            economy.record_contact(tick % 3 != 0);
-            if tick % 70 == 0 {
-                economy.starve(tick);
+    fn the_contact_comes_coarser_where_its_mean_error_is_above_that_of_the_next_ring() {
+        for (mean, is_raised) in [(0.3, false), (0.8, false), (1.25, true), (4.0, true)] {
+            for miss in [4.0, 8.0, 40.0] {
+                let (mut economy, _) = kilohertz();
+                let mut missed = 0.0;
+                for tick in 0..20_000_u64 {
+                    let is_miss = missed < tick as f64 * mean / miss;
+                    missed += f64::from(u8::from(is_miss));
+                    economy.record_contact(if is_miss { miss } else { 0.0 });
+                    if tick % 70 == 0 && economy.steps() < 3 {
+                        economy.starve(tick);
+                    }
+                }
+                assert_eq!(economy.raised() > 0, is_raised, "{mean} by {miss}");
             }
         }
-        assert_eq!((economy.steps(), economy.raised()), (2, 0));
+    }
+
+    #[test]
+    fn losses_are_bounded_and_full_resolution_pays_them_back() {
+        let (mut economy, horizons) = kilohertz();
+        for error in [f64::INFINITY, 1e30, 1.0] {
+            economy.record_contact(error);
+            assert_eq!(economy.misses, PARTS * horizons.misses);
+        }
+        (0..horizons.misses).for_each(|_| economy.record_contact(0.0));
+        assert_eq!(economy.misses, 0);
     }
 
     #[test]
@@ -265,11 +302,11 @@ mod tests {
         let (mut economy, horizons) = kilohertz();
         let mut tick = 0;
         for _ in 0..STEPS_BEFORE_COARSER + 1 {
-            (0..horizons.misses).for_each(|_| economy.record_contact(false));
+            (0..horizons.misses).for_each(|_| economy.record_contact(2.0));
             tick += horizons.settle + 1;
             economy.starve(tick);
         }
-        (0..horizons.misses).for_each(|_| economy.record_contact(true));
+        (0..horizons.misses).for_each(|_| economy.record_contact(0.0));
         while economy.steps() > STEPS_BEFORE_COARSER {
             tick += 1;
             economy.recover(tick);

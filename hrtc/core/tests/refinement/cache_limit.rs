@@ -106,7 +106,7 @@ fn a_lowered_limit_is_obeyed_with_the_contact_at_full_resolution_where_it_fits()
 #[test]
 fn where_the_contact_does_not_fit_it_is_coarser_until_the_limit_is_raised() {
     let model = model();
-    let mut plan = plan_with(&[(2.5, 230 << 10), (5.0, 16 << 20)]);
+    let mut plan = plan_with(&[(2.5, 240 << 10), (5.0, 16 << 20)]);
     plan.probes[0].shape = ProbeShape::Sphere { radius_m: 0.008 };
     let all = run(&plan, &model, 8_000);
     println!("{all:#?}");
@@ -114,7 +114,7 @@ fn where_the_contact_does_not_fit_it_is_coarser_until_the_limit_is_raised() {
         panic!("three limits");
     };
     assert_eq!(first.coarser, 0);
-    assert!(low.ticks < OBEYS_TICKS && low.bytes <= 230 << 10);
+    assert!(low.ticks < OBEYS_TICKS && low.bytes <= 240 << 10);
     assert!(low.coarser > 1_000, "it is said");
     assert!(f64::from(last.full) >= 0.9 * f64::from(last.contacts));
 }

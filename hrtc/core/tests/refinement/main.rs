@@ -14,6 +14,7 @@ mod imperceptible_changes_leave_the_force;
 mod known_pairs_are_complete;
 mod late_ticks;
 mod memory_pressure_coarsens;
+mod memory_pressure_over_sizes;
 mod refinement_under_contact;
 mod small_cache;
 mod upkeep_is_bounded;

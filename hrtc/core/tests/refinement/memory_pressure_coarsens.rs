@@ -48,7 +48,7 @@ fn check(world: &World) {
 fn a_small_cache_coarsens_the_contact_and_recovers() {
     let mesh = generate(Shape::Relief, 60_000, 1);
     let model = spm(mesh, &BuildOptions::default());
-    let bytes = min_bytes(&model) * 27 / 25;
+    let bytes = min_bytes(&model) * 11 / 10;
     let mut world = start(&model, bytes);
     let (mut coarser, mut contacts, mut asked) = (0, 0, 0);
     for _ in 0..8000 {

@@ -86,7 +86,12 @@ fn every_size_keeps_its_limit_and_the_contact_comes_first() {
         let again = world.controller().resent() as f64 / s.last.regions_subscribed as f64;
         let again_most = if tenths >= 20 { 0.25 } else { 0.75 };
         assert!(again <= again_most, "it thrashes: {again}");
-        let full_least = if tenths >= 20 { 0.95 } else { 0.2 };
+        // In smaller ones a coarser ring has less error: `memory_pressure_over_sizes`.
+        let full_least = match tenths {
+            ..12 => 0.0,
+            12..15 => 0.5,
+            15.. => 0.95,
+        };
         assert!(world.summary().full_share() >= full_least);
     }
 }
