@@ -5,7 +5,7 @@
 //! too much: a tool sliding over a plate would halve its motion at every edge. The two faces that
 //! own a pair of features examine it once; one within a plane is skipped if its corners suffice.
 
-use super::neighbourhood::{MAX_PAIRS, Neighbourhood, PLACED, SurfaceFace};
+use super::neighbourhood::{MAX_AROUND, MAX_PAIRS, Neighbourhood, PLACED, SurfaceFace};
 use super::projection::MAX_HALF_SPACES;
 use super::shape::{FLAT, ROUNDED, ToolShape};
 use crate::contact::motion::{Placement, Twist};
@@ -28,9 +28,6 @@ const ARC_FLOOR: f64 = 0.75;
 /// Rotation up to which arcs deviate from straight lines by the square of it, radians: the next
 /// term of the series is a third of the rotation times that, a twelfth here.
 const QUADRATIC_TURN: f64 = 0.25;
-/// Largest number of faces around a corner that are examined.
-const MAX_AROUND: usize = 128;
-
 /// A contact of tool and surface.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ToolContact {
@@ -290,16 +287,16 @@ impl Contacts {
     }
 
     /// Collects the local minima below `limit`, among faces within `near_by` at the tool's
-    /// placement or at the end of its motion. `anew`: for a new step; otherwise only pairs not
-    /// examined yet, for another motion from the same placement. Returns the cost in node pairs,
-    /// and false if `most` was spent before the end.
+    /// placement or at the end of its motion, as no pair with a gap beyond `clear` is. `anew`: for
+    /// a new step; otherwise only pairs not examined yet, for another motion from the same
+    /// placement. Returns the cost in node pairs, and false if `most` was spent before the end.
     pub fn collect(
         &mut self,
         near: &mut Neighbourhood,
         shape: &ToolShape,
         surface: Surface<'_>,
         (at, anew): (&Placement, bool),
-        [near_by, limit]: [f64; 2],
+        [near_by, limit, clear]: [f64; 3],
         most: u32,
     ) -> (u32, bool) {
         let first = if anew {
@@ -314,25 +311,26 @@ impl Contacts {
         }
         let back = rotation.transpose();
         for k in first..near.pairs.len() {
-            if self.is_looked[k] || near.is_known_beyond(k, limit) {
+            if self.is_looked[k] || near.is_beyond(k, clear) {
                 continue;
             }
-            if spent + PASSED + LOOK > most {
+            if spent + PASSED + 2 * LOOK > most {
                 if let Some(search) = self.search.as_mut().filter(|_| anew) {
                     search.next = Some(k);
                 }
                 return (spent, false);
             }
+            let [may_be, is_new] = near.asks(surface.mesh, shape, k);
+            spent += LOOK * u32::from(is_new);
+            if !may_be {
+                continue;
+            }
             spent += PASSED;
             let pair = near.pairs[k];
             let corners = near.corners(shape, pair.tool);
             let now = near.apart_now(&pair, corners);
-            if now > limit {
-                near.saw(k, now);
-                continue;
-            }
-            if now > near_by && near.apart_then(&pair, near.end_corners(shape, pair.tool)) > near_by
-            {
+            let is_far = || near.apart_then(&pair, near.end_corners(shape, pair.tool)) > near_by;
+            if now > limit || (now > near_by && is_far()) {
                 continue;
             }
             self.is_looked[k] = true;

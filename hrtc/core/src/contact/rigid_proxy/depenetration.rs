@@ -287,7 +287,7 @@ impl ToolProxy {
             };
             match is_held {
                 Some(false) => {
-                    self.near.spend(&out, &here.to(&out), self.shape.radius);
+                    self.near.move_to(&out);
                     self.come_out_at(&out);
                     return true;
                 }

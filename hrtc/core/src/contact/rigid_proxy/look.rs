@@ -57,7 +57,7 @@ impl ToolProxy {
     /// for contacts may take several, the sweep goes through all pairs in one.
     pub(super) fn least_cost_of_step(&self) -> u32 {
         let contacts = self.contacts.found().len() as u32 + 1;
-        let search = self.near.vertex_count() / PLACED + PASSED + LOOK;
+        let search = self.near.vertex_count() / PLACED + PASSED + 2 * LOOK;
         let reuse = PART + PROJECTED * contacts;
         self.near.vertex_count() / PLACED + search.max(reuse) + least_cost(&self.near)
     }
@@ -153,12 +153,16 @@ impl ToolProxy {
             let within = (BEYOND * most / likely.farthest(radius)).min(BEYOND);
             let there = self.at.moved(&likely.times(within));
             self.near.place_ends(&self.shape, &there);
+            let near_by = offset + most.min(look_around);
+            let clear = self
+                .near
+                .gap_beyond(&likely.times(within), &self.at, near_by);
             let (cost, is_all) = self.contacts.collect(
                 &mut self.near,
                 &self.shape,
                 tick.surface,
                 (&self.at, looks == 1),
-                [offset + most.min(look_around), offset + most],
+                [near_by, offset + most, clear],
                 budget.saturating_sub(answer.spent),
             );
             answer.spent += cost;

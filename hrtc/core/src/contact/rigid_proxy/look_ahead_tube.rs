@@ -121,8 +121,14 @@ impl LookAheadTube {
 
     /// Whether every pair nearer than `distance` is known along a motion from the placement `from`.
     pub fn covers(&self, from: &Placement, motion: &Twist, distance: f64) -> bool {
+        self.deviation_on(from, motion) <= self.margin - distance
+    }
+
+    /// Upper bound of the distance of the tool's points, on a motion from the placement `from`, to
+    /// the straight lines of the path.
+    pub fn deviation_on(&self, from: &Placement, motion: &Twist) -> f64 {
         let off = self.deviation_at(&from.moved(motion)).max(self.off);
-        off + self.bend + motion.sagitta(self.radius) <= self.margin - distance
+        off + self.bend + motion.sagitta(self.radius)
     }
 
     /// The share of a motion that is covered, to a 64th of the reach.

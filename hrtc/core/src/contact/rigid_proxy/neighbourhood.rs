@@ -10,9 +10,10 @@
 
 mod collect;
 mod face_pair;
+mod surface_face;
 
 use super::look_ahead_tube::LookAheadTube;
-use super::shape::{ToolShape, is_flat};
+use super::shape::{ToolEdge, ToolShape};
 use crate::contact::motion::{Placement, Twist};
 use crate::contact::tool::RelativePath;
 use collect::PartialCollection;
@@ -21,6 +22,8 @@ use face_pair::TurnedFaces;
 use geometry::{Aabb, BoxPair};
 use glam::{DMat3, DVec3};
 use spm::{ActiveMesh, Handle, NONE};
+use surface_face::normal_of;
+pub(super) use surface_face::{MAX_AROUND, SurfaceFace};
 
 /// Vertices of the tool whose placing costs as much as one node pair (measured).
 pub(super) const PLACED: u32 = 2;
@@ -28,80 +31,6 @@ pub(super) const PLACED: u32 = 2;
 pub const MAX_PAIRS: usize = 4096;
 /// Capacity for faces of the surface.
 pub const MAX_SURFACE_FACES: usize = 2048;
-
-/// A face of the surface.
-#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
-pub(super) struct SurfaceFace {
-    pub face: Handle,
-    pub vertices: [Handle; 3],
-    pub corners: [DVec3; 3],
-    /// Unit normal; zero without area.
-    pub normal: DVec3,
-    /// The neighbour's corner beyond the edge opposite each corner; at a boundary a corner of the
-    /// edge.
-    pub beyond: [DVec3; 3],
-    /// The edges that this face owns.
-    pub owns_edge: [bool; 3],
-    /// Those of them that are not within a plane.
-    pub asks_edge: [bool; 3],
-    /// The corners that this face owns.
-    pub owns: [bool; 3],
-    /// The first of its pairs, and their number: mostly one after another.
-    pub first_pair: u32,
-    pub pairs: u32,
-    /// Certified error when it was listed, model units.
-    pub certified: f32,
-}
-
-/// Unit normal of a face; zero without area.
-fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
-    (b - a).cross(c - a).normalize_or_zero()
-}
-
-impl SurfaceFace {
-    fn of(mesh: &ActiveMesh, face: Handle) -> Self {
-        let corners = mesh.corners(face);
-        let links = mesh.face(face);
-        let mut made = Self {
-            face,
-            vertices: links.corners,
-            corners,
-            normal: normal_of(corners),
-            // Nothing equals it.
-            beyond: [DVec3::NAN; 3],
-            owns_edge: [true; 3],
-            asks_edge: [true; 3],
-            owns: [false; 3],
-            first_pair: 0,
-            pairs: 0,
-            certified: mesh.certified_error(face),
-        };
-        made.look_around(mesh);
-        made
-    }
-
-    /// Notes what is beyond its edges: neighbours may have changed where the face has not.
-    fn look_around(&mut self, mesh: &ActiveMesh) {
-        let (corners, links) = (self.corners, mesh.face(self.face));
-        for k in 0..3 {
-            let on_edge = [links.corners[(k + 1) % 3], links.corners[(k + 2) % 3]];
-            let across = links.neighbours[k];
-            let mut beyond = corners[(k + 1) % 3];
-            let mut owns_edge = true;
-            if across != NONE {
-                let others = mesh.face(across).corners;
-                if let Some(&vertex) = others.iter().find(|v| !on_edge.contains(v)) {
-                    beyond = mesh.position(vertex).as_dvec3();
-                }
-                owns_edge = self.face < across;
-            }
-            if beyond != self.beyond[k] || owns_edge != self.owns_edge[k] {
-                (self.beyond[k], self.owns_edge[k]) = (beyond, owns_edge);
-                self.asks_edge[k] = owns_edge && (across == NONE || !is_flat(corners, beyond));
-            }
-        }
-    }
-}
 
 /// A candidate pair.
 #[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
@@ -210,10 +139,8 @@ pub struct Neighbourhood {
     path: RelativePath,
     /// The state of an unfinished collection.
     partial: Option<PartialCollection>,
-    /// Upper bound of the motion of any point of the tool since the collection.
-    moved: f64,
-    /// For each pair, the value of `moved` up to which it cannot touch.
-    clear_until: Vec<f64>,
+    /// For each pair, a lower bound of its separation on the straight lines of the tube.
+    gaps: Vec<f64>,
     /// Counts changes of the list of pairs.
     generation: u64,
     /// Largest numbers of pairs and of faces of the surface.
@@ -239,8 +166,7 @@ impl Neighbourhood {
             tube: LookAheadTube::nowhere(),
             path: RelativePath::new([DVec3::ZERO; 2], [DMat3::IDENTITY; 2]),
             partial: None,
-            moved: 0.0,
-            clear_until: Vec::with_capacity(MAX_PAIRS),
+            gaps: Vec::with_capacity(MAX_PAIRS),
             generation: 0,
             high_water: [0; 2],
         }
@@ -345,8 +271,7 @@ impl Neighbourhood {
     fn clear(&mut self) {
         self.generation += 1;
         self.pairs.clear();
-        self.clear_until.clear();
-        self.moved = 0.0;
+        self.gaps.clear();
         self.clear_faces();
         for &v in &self.vertices {
             self.is_listed[v as usize] = false;
@@ -383,7 +308,7 @@ impl Neighbourhood {
         if is_new {
             let made = SurfaceFace::of(mesh, face);
             let owns = self.owns_corners(&made, place);
-            self.faces.push(SurfaceFace { owns, ..made });
+            self.faces.push(made.relisted(owns));
         }
         place
     }
@@ -425,23 +350,37 @@ impl Neighbourhood {
         }
     }
 
-    /// Notes a motion of the tool to a placement.
-    pub fn spend(&mut self, place: &Placement, motion: &Twist, radius: f64) {
-        self.tube.move_to(place);
-        self.moved += motion.farthest(radius);
+    /// Pairs with a larger gap than this stay farther apart than `distance` on a motion of the tool
+    /// from where it is; infinite if nothing is known.
+    pub(super) fn gap_beyond(&self, motion: &Twist, from: &Placement, distance: f64) -> f64 {
+        if self.tube.left() > 0.0 {
+            distance + self.tube.deviation_on(from, motion)
+        } else {
+            f64::INFINITY
+        }
     }
 
-    /// Whether a pair is farther apart than `distance`, by its last separation and the motion
-    /// since.
+    /// Whether the gap of a pair is larger than what [`Self::gap_beyond`] has told.
     #[inline]
-    pub(super) fn is_known_beyond(&self, pair: usize, distance: f64) -> bool {
-        self.clear_until[pair] - self.moved > distance
+    pub(super) fn is_beyond(&self, pair: usize, gap: f64) -> bool {
+        self.gaps[pair] > gap
     }
 
-    /// Notes a lower bound of the separation of a pair.
-    #[inline]
-    pub(super) fn saw(&mut self, pair: usize, apart: f64) {
-        self.clear_until[pair] = apart + self.moved;
+    /// Whether a search for contacts may find one at a pair, and whether that had to be found out:
+    /// where the surface is flat only corners of the tool ask.
+    pub(super) fn asks(&mut self, mesh: &ActiveMesh, shape: &ToolShape, pair: usize) -> [bool; 2] {
+        let pair = &self.pairs[pair];
+        let tool = &shape.faces[pair.tool as usize];
+        if tool.owns != [false; 3] {
+            return [true, false];
+        }
+        let face = &mut self.faces[pair.surface as usize];
+        let is_asked = |edge: &ToolEdge| edge.is_asked;
+        if face.asks_edge != [false; 3] && tool.edges.iter().any(is_asked) {
+            return [true, false];
+        }
+        let (asks, is_new) = face.asks_corner(mesh);
+        [asks, is_new]
     }
 
     /// Separation of a pair along its direction, given the corners of the tool's face; negative if

@@ -317,7 +317,7 @@ impl ToolProxy {
         if free {
             self.at = self.goal;
         }
-        self.near.spend(&self.at, &done, radius);
+        self.near.move_to(&self.at);
         self.remember_stop(swept.stop);
         tick.last.ended(swept.stop, done.farthest(radius));
         let cost = answer.spent - before;

@@ -92,9 +92,8 @@ pub fn free_share(
         travel: motion.linear.length(),
         centre: start.centre,
     };
-    let travel = motion.farthest(shape.radius);
-    let reach = [travel + min_separation, min_separation];
-    swept.spent += PASSED * bends.collect_open(near, open, shape, reach);
+    let clear = near.gap_beyond(motion, start, min_separation);
+    swept.spent += PASSED * bends.collect_open(near, open, shape, [clear, min_separation]);
     let mut sweep = Sweep {
         shape,
         start,
@@ -111,7 +110,7 @@ pub fn free_share(
         if parts == 0 {
             swept.is_all = false;
             let room = (now - min_separation).max(0.0) * WITHIN;
-            let share = until.max(room / travel);
+            let share = until.max(room / motion.farthest(shape.radius));
             if share < swept.share {
                 swept.share = share;
                 swept.stop = None;
@@ -205,18 +204,18 @@ struct Bends {
 
 impl Bends {
     /// Lists the pairs that their direction does not separate on the whole motion, the most urgent
-    /// first. Pairs farther apart than `reach` are skipped; the number of the others.
+    /// first. Pairs with a gap beyond `clear` are skipped; the number of the others.
     fn collect_open(
         &self,
         near: &Neighbourhood,
         open: &mut Vec<Open>,
         shape: &ToolShape,
-        [reach, min_separation]: [f64; 2],
+        [clear, min_separation]: [f64; 2],
     ) -> u32 {
         open.clear();
         let mut looked_at = 0;
         for k in 0..near.pairs.len() {
-            if near.is_known_beyond(k, reach) {
+            if near.is_beyond(k, clear) {
                 continue;
             }
             looked_at += 1;

@@ -2,8 +2,7 @@
 
 use super::face_pair::{CandidateFace, MovingFace};
 use super::{
-    LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, PLACED, SurfaceFace,
-    ToolShape,
+    LookAheadTube, MAX_PAIRS, MAX_SURFACE_FACES, NearPair, Neighbourhood, PLACED, ToolShape,
 };
 use crate::contact::query::{Body, Ending, Limit, PairWork, Surface};
 use crate::contact::tool::{RelativePath, Resume, for_each_face_near, for_each_near_pair};
@@ -86,7 +85,7 @@ impl Neighbourhood {
                 if let Some(gap) =
                     self.take(surface.mesh, shape, centres, candidate, tool_face, margin)
                 {
-                    self.clear_until.push(gap);
+                    self.gaps.push(gap);
                 }
                 ControlFlow::Continue(margin + bend)
             },
@@ -113,6 +112,8 @@ impl Neighbourhood {
             self.invalidate();
             return 0;
         }
+        let lost = partial.margin - margin;
+        self.gaps.iter_mut().for_each(|gap| *gap -= lost);
         (partial.tube, partial.margin) = (tube, margin);
         let ends = tube.ends();
         self.place_ends(shape, &ends[1]);
@@ -243,12 +244,9 @@ impl Neighbourhood {
                 visited += 1;
                 has_room = self.pairs.len() < MAX_PAIRS && self.faces.len() < MAX_SURFACE_FACES;
                 if has_room
-                    && self
-                        .take(mesh, shape, centres, &mut candidate, own, margin)
-                        .is_some()
+                    && let Some(gap) = self.take(mesh, shape, centres, &mut candidate, own, margin)
                 {
-                    // The tool may have deviated from the path since.
-                    self.clear_until.push(f64::NEG_INFINITY);
+                    self.gaps.push(gap);
                 }
                 has_room
             };
@@ -315,8 +313,8 @@ impl Neighbourhood {
     /// Whether the pairs that may be within a margin, and their faces, leave a quarter of the room.
     fn has_room_within(&self, margin: f64) -> bool {
         let (mut pairs, mut faces, mut last) = (0, 0, NONE);
-        for (pair, &clear_until) in self.pairs.iter().zip(&self.clear_until) {
-            if clear_until <= margin {
+        for (pair, &gap) in self.pairs.iter().zip(&self.gaps) {
+            if gap <= margin {
                 pairs += 1;
                 faces += usize::from(pair.surface != last);
                 last = pair.surface;
@@ -329,7 +327,7 @@ impl Neighbourhood {
     fn shrink(&mut self, margin: f64) {
         let mut kept = 0;
         for k in 0..self.pairs.len() {
-            if self.clear_until[k] <= margin {
+            if self.gaps[k] <= margin {
                 self.keep(k, kept);
                 kept += 1;
             }
@@ -343,12 +341,12 @@ impl Neighbourhood {
         let kept = self.pairs[pair];
         let surface = self.faces[kept.surface as usize].face;
         self.pairs[place] = NearPair { surface, ..kept };
-        self.clear_until[place] = self.clear_until[pair];
+        self.gaps[place] = self.gaps[pair];
     }
 
     /// Keeps the first pairs, which hold handles, and their faces, which are indexed anew.
     fn keep_first(&mut self, kept: usize) {
-        self.clear_until.truncate(kept);
+        self.gaps.truncate(kept);
         self.pairs.truncate(kept);
         // The pairs of a face may lie apart: which faces stay is known after all of them.
         for face in &mut self.faces {
@@ -368,11 +366,7 @@ impl Neighbourhood {
             if face.pairs > 0 {
                 self.face_places.find_or_add(face.face, count);
                 let owns = self.owns_corners(&face, count);
-                self.faces[count as usize] = SurfaceFace {
-                    owns,
-                    pairs: 0,
-                    ..face
-                };
+                self.faces[count as usize] = face.relisted(owns);
                 count += 1;
             }
         }
@@ -387,8 +381,8 @@ impl Neighbourhood {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Direction;
     use super::super::face_pair::TurnedFaces;
+    use super::super::{Direction, SurfaceFace};
     use super::*;
     use crate::contact::motion::{Placement, Twist};
     use crate::contact::tool::{Tool, ToolMesh, capsule_mesh};
@@ -448,7 +442,7 @@ mod tests {
         }
         let pairs: u32 = near.faces.iter().map(|face| face.pairs).sum();
         assert_eq!(pairs as usize, near.pairs.len());
-        assert_eq!(near.pairs.len(), near.clear_until.len());
+        assert_eq!(near.pairs.len(), near.gaps.len());
     }
 
     /// A neighbour that has changed, more than once, and a list without the farthest pairs: each
@@ -487,12 +481,12 @@ mod tests {
         let first = near.pairs[0];
         for k in 0..near.pairs.len() {
             if near.pairs[k].surface == first.surface {
-                near.clear_until[k] = 1.0;
+                near.gaps[k] = 1.0;
             }
         }
         near.count_pair(near.pairs.len(), first.surface);
         near.pairs.push(first);
-        near.clear_until.push(0.0);
+        near.gaps.push(0.0);
         check(&near, &mesh);
         let all = near.pairs.len();
         near.shrink(0.4);
@@ -531,8 +525,8 @@ mod tests {
             assert_eq!(near.pairs.len(), FACES as usize);
             let of_tool = |pair: &NearPair| matches!(pair.along, Direction::Turning(_));
             assert!(near.pairs.iter().all(of_tool));
-            assert!(near.clear_until.iter().all(|&gap| gap > 0.1));
-            format!("{:?} {:?}", near.pairs, near.clear_until)
+            assert!(near.gaps.iter().all(|&gap| gap > 0.1));
+            format!("{:?} {:?}", near.pairs, near.gaps)
         };
         let (mut kept, mut read) = (Neighbourhood::new(&shape), Neighbourhood::new(&shape));
         for angle in [0.1, -0.1, 0.05] {
@@ -545,5 +539,62 @@ mod tests {
             assert!(matches!(updated, Updated::All(_)));
             assert_eq!(read.pairs.len(), FACES as usize);
         }
+    }
+
+    /// Pairs that a gap tells to be beyond a distance are beyond it all along a motion, also one
+    /// beside the path, and where the path was shortened amid a collection.
+    #[test]
+    fn a_gap_holds_on_every_motion_within_the_tube() {
+        let (mesh, tree) = strip();
+        let surface = Surface {
+            mesh: &mesh,
+            tree: &tree,
+        };
+        let tool = Tool::new(&capsule_mesh(0.3, 6.0, 8, 6)).expect("it is a tool");
+        let shape = ToolShape::new(&tool, 1.0);
+        let start = Placement {
+            centre: DVec3::new(3.0, 0.5, 0.6),
+            orientation: DQuat::from_rotation_y(1.4),
+        };
+        let path = Twist {
+            linear: DVec3::new(0.1, 0.05, -0.1),
+            angular: DVec3::new(0.05, 0.1, 0.0),
+        };
+        let beside = Twist {
+            linear: DVec3::new(0.0, 0.1, 0.1),
+            ..Twist::default()
+        };
+        let (mut told, mut wrong) = (0, 0);
+        for share in [1.0, 0.6] {
+            let mut near = Neighbourhood::new(&shape);
+            let tube = LookAheadTube::along(start, path, 0.1, 0.3, &shape);
+            if share < 1.0 {
+                near.collect(surface, &shape, tube, &mut 150.into());
+                assert!(near.has_partial_collection());
+                near.shorten_collection(&shape, share, u32::MAX);
+            }
+            near.collect(surface, &shape, tube, &mut u32::MAX.into());
+            assert!(!near.pairs.is_empty() && near.tube.left() > 0.0);
+            for motion in [path.times(share), path.times(0.5).plus(&beside)] {
+                let clear = near.gap_beyond(&motion, &start, 0.02);
+                for k in 0..near.pairs.len() {
+                    if !near.is_beyond(k, clear) {
+                        continue;
+                    }
+                    told += 1;
+                    let pair = near.pairs[k];
+                    let face = near.faces[pair.surface as usize].corners;
+                    for part in 0..=8 {
+                        let at = start.moved(&motion.times(0.125 * f64::from(part)));
+                        let corners = shape.faces[pair.tool as usize]
+                            .vertices
+                            .map(|v| at.centre + at.rotation() * shape.points[v as usize]);
+                        let closest = geometry::closest_points_of_triangles(face, corners);
+                        wrong += u32::from(closest.distance_squared <= 0.02 * 0.02);
+                    }
+                }
+            }
+        }
+        assert!(told > 0 && wrong == 0, "{wrong} of {told}");
     }
 }
