@@ -224,7 +224,7 @@ impl Contacts {
         self.late_contacts += step.late_contacts;
         self.stuck += u32::from(step.stuck);
         let Some(contact) = step.contact else {
-            pair.render_near(clock, frame);
+            pair.render_near(clock, frame, surface, budget);
             return None;
         };
         pair.note_contact_offset(frame.metres_per_unit);

@@ -3,9 +3,10 @@
 use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
 use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
-use crate::contact::rigid_proxy::ToolProxy;
+use crate::contact::rigid_proxy::{NearestPair, ToolProxy};
 use crate::contact::sphere_proxy::Contact;
 use crate::costs::QueryWork;
+use crate::force::effects::free_space::Gap;
 use crate::force::effects::{Clock, ContactSample, Rendered, SurfaceEffects};
 use crate::force::paid_coupling::PaidCoupling;
 use crate::force::passivity::CouplingSpring;
@@ -69,6 +70,8 @@ pub struct ProbeObjectPair {
     pub effects: SurfaceEffects,
     /// Nearest point of the surface, model units.
     nearest: Option<DVec3>,
+    /// The faces of surface and tool that were nearest to each other, if that was last looked for.
+    nearest_pair: Option<[Handle; 2]>,
     /// Position of the proxy when the clearance was measured.
     measured_at: Option<DVec3>,
     /// Where the proxy begins, object's axes, metres, if that is not where the probe is.
@@ -96,6 +99,7 @@ impl ProbeObjectPair {
             rendered: None,
             effects,
             nearest: None,
+            nearest_pair: None,
             measured_at: None,
             start: None,
             coupling: PaidCoupling::default(),
@@ -115,6 +119,7 @@ impl ProbeObjectPair {
         self.contact = None;
         self.rendered = None;
         self.nearest = None;
+        self.nearest_pair = None;
     }
 
     /// The proxy has not begun yet, for want of a model: it will from here; see [`Self::begin`].
@@ -173,6 +178,7 @@ impl ProbeObjectPair {
         self.contact = None;
         self.rendered = None;
         self.nearest = None;
+        self.nearest_pair = None;
     }
 
     /// The contact of this tick is to be found.
@@ -401,194 +407,69 @@ impl ProbeObjectPair {
     }
 
     /// Renders the effects of the surface in free space.
-    pub fn render_near(&mut self, clock: Clock, frame: &ModelFrame) {
+    pub fn render_near(
+        &mut self,
+        clock: Clock,
+        frame: &ModelFrame,
+        surface: Surface<'_>,
+        budget: &mut QueryBudget,
+    ) {
         if self.effects.is_empty() {
             return;
         }
+        let reach_m = self.effects.reach_m(clock);
+        let gap = (reach_m > 0.0)
+            .then(|| self.gap(frame, surface, reach_m, budget))
+            .flatten();
         // The contact is over, too, where it is not known what is near.
-        let (gap, towards) = match (self.nearest, self.proxy.patch()) {
-            (Some(nearest), Some((middle, radius))) => {
-                let outward = nearest - middle;
-                let gap = (outward.length() - radius) * frame.metres_per_unit;
-                (gap, outward.normalize_or_zero())
-            }
-            _ => (f64::INFINITY, DVec3::ZERO),
-        };
-        let force = self.effects.render_near(clock, gap, towards);
-        if force != DVec3::ZERO {
+        let wrench = self.effects.render_near(clock, gap.as_ref());
+        if wrench != Wrench::ZERO {
             let pulls = Rendered {
-                active: Wrench {
-                    force,
-                    torque: DVec3::ZERO,
-                },
+                active: wrench,
                 ..Rendered::default()
             };
             self.rendered = Some(pulls.turned(frame.pose.orientation));
         }
     }
+
+    /// The space between probe and surface, of a tool if it is no wider than `reach_m`. Contacts of
+    /// a tool act at a distance, at which it touches.
+    fn gap(
+        &mut self,
+        frame: &ModelFrame,
+        surface: Surface<'_>,
+        reach_m: f64,
+        budget: &mut QueryBudget,
+    ) -> Option<Gap> {
+        let scale = frame.metres_per_unit;
+        if !self.proxy.is_tool() {
+            let (middle, radius) = self.proxy.patch()?;
+            let outward = self.nearest? - middle;
+            return Some(Gap {
+                width_m: (outward.length() - radius) * scale,
+                towards: outward.normalize_or_zero(),
+                arm: DVec3::ZERO,
+            });
+        }
+        let tool = self.tool().filter(|tool| tool.is_placed())?;
+        let (offset, position) = (tool.contact_offset(), tool.pose().position);
+        let reach = reach_m / scale + offset;
+        let most = budget.left(QueryWork::Effects);
+        let (nearest, work) = self
+            .proxy
+            .nearest_pair(surface, reach, self.nearest_pair, most)?;
+        budget.charge(QueryWork::Effects, work);
+        self.nearest_pair = nearest.map(|nearest| nearest.faces);
+        let NearestPair { points, .. } = nearest?;
+        let [on_surface, on_tool] = points;
+        let outward = on_surface - on_tool;
+        Some(Gap {
+            width_m: (outward.length() - offset).max(0.0) * scale,
+            towards: outward.normalize_or_zero(),
+            arm: (on_tool - position) * scale,
+        })
+    }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::tuning::governor::MIN_SEARCH_UNITS;
-    use ab_tree::{AbTree, leaf_key};
-    use spm::{ActiveMesh, Certified};
-
-    /// Radius of the ball.
-    const BALL: f64 = 1e-3;
-
-    /// Sheets far and wide at some heights, which do not move.
-    fn sheets(heights: &[f32]) -> (ActiveMesh, AbTree) {
-        let count = heights.len() as u32;
-        let mut mesh = ActiveMesh::new(4 * count, 2 * count, 0);
-        let mut tree = AbTree::new(2 * count);
-        tree.preconstruct(2 * count);
-        for (sheet, &height) in (0..count).zip(heights) {
-            let first = 4 * sheet;
-            let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)];
-            for (vertex, (x, y)) in (first..).zip(corners) {
-                mesh.set_base_vertex(vertex, [x, y, height], Certified::EXACT);
-            }
-            for (face, corners) in (2 * sheet..).zip([[0, 1, 2], [3, 2, 1]]) {
-                mesh.set_base_face(face, corners.map(|k| first + k), [NONE; 3])
-                    .expect("the vertices are there");
-                tree.insert(face, leaf_key(face, 2 * count));
-            }
-        }
-        tree.refit(|face| mesh.face_box(face));
-        (mesh, tree)
-    }
-
-    /// Where the ball at the origin is outside of sheets at these heights, of which one front
-    /// sticks out by `bulge` over another; `around`: radius of what holds the probe.
-    fn outside(heights: &[f32], around: f64, bulge: f64) -> Option<f64> {
-        let (mesh, tree) = sheets(heights);
-        let surface = Surface {
-            mesh: &mesh,
-            tree: &tree,
-        };
-        let mut work = Work::default();
-        let place = held().outside(surface, [around, bulge], &mut work)?;
-        assert!(work.faces > 0);
-        assert!(place.position.truncate().length() < 1e-9);
-        Some(place.position.z)
-    }
-
-    #[test]
-    fn a_place_beside_the_proxy_is_on_its_side_and_beyond_every_front() {
-        const BULGE: f64 = 0.01;
-        let far = 2.0 * BALL + BULGE;
-        let is_at = |place: Option<f64>, due: f64| place.is_some_and(|z| (z - due).abs() < 1e-9);
-        // The sheet is above it, or below, and touches it.
-        for height in [3e-3, -3e-3, 1e-3] {
-            let place = outside(&[height], BALL, BULGE);
-            let height = f64::from(height);
-            assert!(is_at(place, height - far.copysign(height)), "{place:?}");
-        }
-        // It is far enough away as it is.
-        assert_eq!(outside(&[0.02], BALL, BULGE), Some(0.0));
-        // Another sheet is near the place, and it is between the two.
-        let place = outside(&[3e-3, -0.0205], BALL, BULGE);
-        assert!(is_at(place, f64::from(3e-3_f32) - far), "{place:?}");
-        for other in [-0.0195, -6e-3] {
-            assert_eq!(outside(&[3e-3, other], BALL, BULGE), None, "{other}");
-        }
-        // What holds a tool is not free.
-        assert_eq!(outside(&[3e-3], 4e-3, BULGE), None);
-        // Of a front nothing is certified.
-        for bulge in [f64::INFINITY, f64::NAN] {
-            assert_eq!(outside(&[3e-3], BALL, bulge), None);
-        }
-    }
-
-    #[test]
-    fn a_proxy_begins_from_the_latest_start() {
-        let frame = ModelFrame {
-            pose: Pose::IDENTITY,
-            metres_per_unit: 2.0,
-            origin: DVec3::X,
-        };
-        let shape = ProbeShape::Sphere { radius_m: BALL };
-        let mut pair = ProbeObjectPair::new(&shape, SurfaceEffects::default());
-        let at = |z: f64| Pose::at(DVec3::Z * z);
-        pair.begin(Some(at(0.1)));
-        pair.waits(Some(at(-0.1)));
-        pair.update(&frame, Some(at(-0.1)));
-        let begins = pair.proxy.pose();
-        assert_eq!(begins.map(|of| frame.model_to_object(of)), Some(at(-0.1)));
-        // Then it is where the surface lets it be.
-        pair.waits(Some(at(0.1)));
-        pair.update(&frame, Some(at(0.1)));
-        assert_eq!(pair.proxy.pose(), begins);
-    }
-
-    /// A ball of 1 mm that is held at the origin.
-    fn held() -> ProbeObjectPair {
-        let shape = ProbeShape::Sphere { radius_m: 1e-3 };
-        let mut pair = ProbeObjectPair::new(&shape, SurfaceEffects::default());
-        pair.proxy.begin(1e-3, 1.0, Some(Pose::IDENTITY));
-        pair
-    }
-
-    /// In a late tick, when the face that was nearest has just been split.
-    #[test]
-    fn what_is_held_finds_a_face_of_a_large_front_without_a_hint_or_time() {
-        let heights: Vec<f32> = (2..1026_u16).map(|k| 1e-3 * f32::from(k)).collect();
-        let (mesh, tree) = sheets(&heights);
-        let surface = Surface {
-            mesh: &mesh,
-            tree: &tree,
-        };
-        let pair = held();
-        let (found, _, is_complete) = pair.proxy.nearest(surface, None, MIN_SEARCH_UNITS);
-        assert!(found.is_none() && !is_complete, "{found:?}");
-        let (found, work) = pair.any_face(surface);
-        assert!(found.is_some_and(|of| mesh.is_active(of.face)));
-        assert!(work.nodes + work.faces <= DESCENT_WORK, "{work:?}");
-    }
-
-    #[test]
-    fn what_was_nearest_stays_so_where_a_search_finds_nothing_nearer() {
-        let pair = held();
-        let at = |x: f64| Some(DVec3::X * x);
-        assert_eq!(pair.nearer_of(None, at(2.0)), at(2.0));
-        assert_eq!(pair.nearer_of(at(3.0), at(2.0)), at(2.0));
-        assert_eq!(pair.nearer_of(at(1.0), at(2.0)), at(1.0));
-        assert_eq!(pair.nearer_of(at(1.0), None), at(1.0));
-    }
-
-    /// The share of the spring that is paid for, of a hand that moves to and fro in a surface which
-    /// then comes half a millimetre nearer by itself.
-    fn paid(damping_ns_per_m: f64) -> f64 {
-        let plan = SurfacePlan {
-            stiffness_n_per_m: 800.0,
-            damping_ns_per_m,
-        };
-        let period_s = 1e-3;
-        let mut pair = held();
-        let mut before = 0.0;
-        for tick in 0..=1000_u32 {
-            let turn = std::f64::consts::TAU * 5.0 * period_s * f64::from(tick);
-            let depth = 1.5e-3 - 1e-3 * turn.cos();
-            let risen = if tick == 1000 { 5e-4 } else { 0.0 };
-            let goal = Pose::at(DVec3::NEG_Z * (depth + risen));
-            let moved = Twist {
-                linear: DVec3::NEG_Z * (depth - before),
-                angular: DVec3::ZERO,
-            };
-            before = depth;
-            pair.begin_tick();
-            let velocity = moved.times(1.0 / period_s);
-            let _ = pair.couple((&goal, 1.0, &plan), [&moved, &velocity], period_s);
-        }
-        pair.paid()
-    }
-
-    #[test]
-    fn what_damping_takes_pays_for_no_contact() {
-        let [without, with] = [0.0, 5.0].map(paid);
-        assert!(without < 0.9, "{without}");
-        assert!((with - without).abs() < 1e-9, "{with}, {without} without");
-    }
-}
+mod tests;

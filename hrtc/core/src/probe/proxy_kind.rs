@@ -7,7 +7,9 @@ use crate::contact::query::{
     Deadline, Limit, MAX_FACES, Nearest, Surface, Work, closest_point_within,
 };
 use crate::contact::rigid_proxy::projection::MAX_ACTIVE;
-use crate::contact::rigid_proxy::{Imperceptible, Part, StepSettings, ToolContact, ToolProxy};
+use crate::contact::rigid_proxy::{
+    Imperceptible, NearestPair, Part, StepSettings, ToolContact, ToolProxy,
+};
 use crate::contact::sphere_proxy::{Contact, MAX_CONSTRAINTS, MAX_PUSHING, Proxy};
 use crate::contact::tool::{Tool, ToolMesh};
 use crate::force::effects::contact_set::Push;
@@ -375,6 +377,20 @@ impl ProxyKind {
         }
     }
 
+    /// [`ToolProxy::nearest_within`] with so many units; `None` for a ball.
+    pub fn nearest_pair(
+        &self,
+        surface: Surface<'_>,
+        reach: f64,
+        before: Option<[Handle; 2]>,
+        max_work: u32,
+    ) -> Option<(Option<NearestPair>, Work)> {
+        let tool = self.tool()?;
+        let mut limit = Limit::from(max_work.saturating_mul(PAIRS_A_UNIT));
+        let (nearest, work) = tool.nearest_within(surface, reach, before, &mut limit);
+        Some((nearest, in_units(work.node_pairs, work.cost())))
+    }
+
     /// Depth of the device behind the proxy, metres, the wrench on it about its position in the
     /// model's axes, and the spring that it comes from. `velocity`: of the device's position,
     /// metres and radians a second, model's axes.
@@ -508,14 +524,7 @@ impl ToolKind {
         }
         ProxyStep {
             contact: contact_of(contacts),
-            work: {
-                let nodes = advance.work.node_pairs / PAIRS_A_UNIT;
-                let all = advance.spent.div_ceil(PAIRS_A_UNIT).max(nodes);
-                Work {
-                    nodes,
-                    faces: all - nodes,
-                }
-            },
+            work: in_units(advance.work.node_pairs, advance.spent),
             dropped: advance.dropped,
             unfinished: !advance.ending.is_complete(),
             early: advance.ending.is_complete() && advance.is_unsettled,
@@ -528,6 +537,16 @@ impl ToolKind {
 fn middle(contacts: &[ToolContact]) -> Option<DVec3> {
     let sum: DVec3 = contacts.iter().map(|contact| contact.point).sum();
     (!contacts.is_empty()).then(|| sum / contacts.len() as f64)
+}
+
+/// The work of a tool that cost so many pairs of nodes, of which so many were visited, in units.
+fn in_units(visited: u32, cost: u32) -> Work {
+    let nodes = visited / PAIRS_A_UNIT;
+    let all = cost.div_ceil(PAIRS_A_UNIT).max(nodes);
+    Work {
+        nodes,
+        faces: all - nodes,
+    }
 }
 
 /// The contacts of a tool as one: where what pushes most does. The nearest would be any of them:

@@ -263,3 +263,49 @@ fn shading_at_one_contact_leaves_the_force_at_the_other() {
     let off = turned.torque - plain.torque - arm.cross(change);
     assert!(off.y.abs() < 1.5e-3 * change.length(), "{off}, {change}");
 }
+
+/// A tilted block comes down to a plate corner first, its position a reach and more above: the
+/// plate pulls that corner from its reach on, and no more where it touches.
+#[test]
+fn a_magnet_pulls_a_tool_where_it_is_nearest() {
+    const DOWN: f64 = 2e-5;
+    let (force_n, reach_m) = (1.0, 5e-3);
+    let plate = spm(generate(Shape::Plate, 5000, 1), &BuildOptions::default());
+    let half = DVec3::new(0.02, 5e-3, 5e-3);
+    let magnet = format!("{{ magnet = {{ force_n = {force_n}, reach_m = {reach_m} }} }}");
+    let mut world = world(&plate, &magnet, block(half));
+    let tilt = 20.0f64.to_radians();
+    let lever = half.x * tilt.cos();
+    assert!(half.x * tilt.sin() > reach_m);
+    let mut pulls: Vec<Wrench> = Vec::new();
+    for k in 0.. {
+        let pose = Pose {
+            position: DVec3::Z * (0.05 - DOWN * f64::from(k)),
+            orientation: DQuat::from_rotation_y(tilt),
+        };
+        let wrench = step(&mut world, pose);
+        if wrench.force.z > 0.0 {
+            break;
+        }
+        assert!(k < 5000, "it never touches");
+        pulls.push(wrench);
+    }
+    let before = pulls.iter().take_while(|of| of.force.z == 0.0).count();
+    let near = (pulls.len() - before) as f64 * DOWN;
+    assert!((near / reach_m - 1.0).abs() < 0.05, "from {near} m on");
+    let most = pulls.iter().map(|of| -of.force.z).fold(0.0, f64::max);
+    assert!((most / force_n - 1.0).abs() < 0.01, "{most} N");
+    // The slope of the pull.
+    let change = 4.0 * force_n * DOWN / reach_m;
+    for pair in pulls.windows(2) {
+        let changed = (pair[1].force - pair[0].force).length();
+        assert!(changed < 1.1 * change, "{changed} N, {pair:?}");
+    }
+    let last = pulls.last().expect("it pulled");
+    assert!(last.force.length() < 3.0 * change, "{last:?} where it touches");
+    for of in pulls.iter().filter(|of| of.force.z < -0.5 * force_n) {
+        let arm = of.torque.y / of.force.z.abs();
+        assert!((arm.abs() / lever - 1.0).abs() < 0.2, "{arm} of {lever} m");
+        assert!(of.torque.y > 0.0, "the pull turns it on: {of:?}");
+    }
+}

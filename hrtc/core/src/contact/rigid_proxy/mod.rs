@@ -27,6 +27,7 @@
 //! | `look` | the contacts that a step obeys |
 //! | `coupling_target` | the end of the coupling, and how far it may go in a tick |
 //! | `mesh_change` | faces that splits and collapses moved near the tool |
+//! | `nearest` | the nearest points of tool and surface, for what acts before they touch |
 //! | `answer` | the result of a tick |
 
 mod answer;
@@ -38,6 +39,7 @@ mod look;
 mod look_ahead;
 mod look_ahead_tube;
 mod mesh_change;
+mod nearest;
 mod neighbourhood;
 pub mod projection;
 mod shape;
@@ -50,6 +52,7 @@ pub use answer::ToolAdvance;
 pub use bounding_balls::MAX_BALLS;
 pub use contacts::ToolContact;
 pub use coupling_target::Imperceptible;
+pub use nearest::NearestPair;
 pub use neighbourhood::{MAX_PAIRS, MAX_SURFACE_FACES};
 pub use shape::ToolProxyError;
 pub use steps::StepSettings;

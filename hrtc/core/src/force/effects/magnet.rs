@@ -5,9 +5,8 @@
 //! and at the end of the range, F half way. CHAI3D's magnet has two linear ramps instead. The force
 //! has a potential that depends on the distance alone, so a closed path gains no energy.
 //!
-//! The distance is that of a ball, or of the ball about a tool's position that its tip fills
-//! (`ProbeShape::patch_m`): a tool that touches with another part loses in that tick the pull that
-//! it has there.
+//! The distance is that of the probe's own surface, of a ball or a tool, and the pull acts at its
+//! nearest point: then its torque belongs to the same potential.
 
 use glam::DVec3;
 use scene::MagnetPlan;
@@ -23,6 +22,12 @@ impl Magnet {
     #[must_use]
     pub fn new(plan: MagnetPlan) -> Self {
         Self { plan }
+    }
+
+    /// Distance up to which it pulls, metres.
+    #[must_use]
+    pub fn reach_m(&self) -> f64 {
+        self.plan.reach_m
     }
 
     /// Force (newtons) on a probe at a distance `gap_m` (metres) from the surface; `towards`: unit

@@ -25,6 +25,7 @@
 
 pub mod boundary;
 pub mod contact_set;
+pub mod free_space;
 pub mod friction;
 pub mod gravity;
 pub mod inertia;
@@ -359,27 +360,6 @@ impl SurfaceEffects {
                 SurfaceEffect::Magnet(_) => {}
             }
         }
-    }
-
-    /// Force, newtons, on a probe without contact. `gap_m`: distance of the surface, metres,
-    /// infinite if unknown; `towards`: unit vector to it. It resets the effects of a contact.
-    pub fn render_near(&mut self, clock: Clock, gap_m: f64, towards: DVec3) -> DVec3 {
-        let mut force = DVec3::ZERO;
-        self.contacts.reset();
-        for listed in &mut self.listed {
-            match &mut listed.effect {
-                SurfaceEffect::Friction(friction) => friction.reset(),
-                SurfaceEffect::Shading(shading) => shading.reset(),
-                _ => {}
-            }
-            if !matches!(listed.effect, SurfaceEffect::Magnet(_)) {
-                continue;
-            }
-            if let Some((SurfaceEffect::Magnet(magnet), amount)) = listed.called(clock) {
-                force += magnet.pull(gap_m, towards) * amount;
-            }
-        }
-        force
     }
 
     /// Adds the calls and bytes of each kind to `usage`.
