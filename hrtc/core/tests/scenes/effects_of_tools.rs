@@ -302,7 +302,10 @@ fn a_magnet_pulls_a_tool_where_it_is_nearest() {
         assert!(changed < 1.1 * change, "{changed} N, {pair:?}");
     }
     let last = pulls.last().expect("it pulled");
-    assert!(last.force.length() < 3.0 * change, "{last:?} where it touches");
+    assert!(
+        last.force.length() < 3.0 * change,
+        "{last:?} where it touches"
+    );
     for of in pulls.iter().filter(|of| of.force.z < -0.5 * force_n) {
         let arm = of.torque.y / of.force.z.abs();
         assert!((arm.abs() / lever - 1.0).abs() < 0.2, "{arm} of {lever} m");
