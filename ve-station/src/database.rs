@@ -279,7 +279,8 @@ fn open_cached(
     let is_built = |name: &str| content_of(name).is_some();
     scene_files::make_room(cache, MAX_BUILT_BYTES, KEPT, is_built);
     // Cleans up behind killed builds.
-    spm_builder::try_output(&path).map_err(failed)?;
+    // Its own sentence asks for another output, which nobody named here.
+    spm_builder::try_output(&path).map_err(|error| failed(error.kind().into()))?;
     make(&path)?;
     open_spm(&path)
 }

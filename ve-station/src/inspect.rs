@@ -380,9 +380,10 @@ pub struct Motion {
     pub period_s: f64,
 }
 
-/// The greatest speed at full resolution, m/s, as the controller counts it: K / (faces a square
-/// metre x width of the patch x period), where the patch is as wide as what is refined around the
-/// probe, a cell, and on both sides a lead that grows with the speed.
+/// The greatest speed at full resolution, m/s: K / (faces a square metre x width of the patch x
+/// period), where the patch is as wide as what is refined around the probe, a cell, and on both
+/// sides a lead that grows with the speed. As the controller counts it, but by the area of the full
+/// mesh: by that of the base mesh, which is smaller, it comes to less.
 #[must_use]
 pub fn greatest_speed(header: &ModelHeader, area: f64, motion: Motion) -> f64 {
     let metres = motion.metres_per_unit;

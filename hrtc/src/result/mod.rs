@@ -181,7 +181,7 @@ pub struct SafetyEvents {
     pub force_cuts: u64,
     /// Panics of the tick: 0, or 1 in its last one.
     pub tick_panics: u64,
-    /// Whether the disk refused records of the recording: 0 or 1.
+    /// Whether the recording lacks what it should have: 0 or 1.
     pub recording_errors: u64,
     /// Requests to the station that found their ring full; the next epoch asks again.
     pub requests_lost: u64,

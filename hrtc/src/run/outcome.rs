@@ -201,7 +201,7 @@ fn write_text(
     if let Some(first) = recording {
         let lacks = match r.safety.recording_errors {
             0 => "",
-            _ => ", not of every tick: see what was said of it",
+            _ => ", not complete: what it lacks was said, or is in it as a hole",
         };
         writeln!(out, "recording {}{lacks}", files_of(first).display())?;
     }
@@ -317,6 +317,6 @@ mod tests {
         // As on a full disk.
         result.safety.recording_errors = 1;
         let heard = text(&result, Some(&first));
-        assert!(heard.contains("/run.mcap, not of every tick"), "{heard}");
+        assert!(heard.contains("/run.mcap, not complete"), "{heard}");
     }
 }

@@ -197,12 +197,13 @@ fn temporary_beside(output: &Path) -> io::Result<NamedTempFile> {
         .prefix(TEMPORARY_PREFIX)
         .permissions(readable_by_all())
         .tempfile_in(folder);
-    // Its own sentence names a file that nobody asked for.
+    // Its own sentence names a file that nobody asked for, behind the reason.
     made.map_err(|error| {
-        let (folder, kind) = (folder.display(), error.kind());
+        let (folder, said) = (folder.display(), error.to_string());
+        let why = said.split(" at path ").next().unwrap_or_default();
         io::Error::new(
-            kind,
-            format!("the folder {folder} takes no file ({kind}): name one that is there, has room and that you may write to"),
+            error.kind(),
+            format!("the folder {folder} takes no file ({why}): name one that is there, has room and that you may write to"),
         )
     })
 }

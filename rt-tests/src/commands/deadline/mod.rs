@@ -157,7 +157,7 @@ pub struct Row {
     pub force_step_n_max: f64,
     /// Figures that were not finite.
     pub non_finite: Vec<String>,
-    /// Real-time rights that the controller was denied.
+    /// Real-time rights that the controller was denied: what follows, why, and what helps.
     pub missing_rights: Vec<String>,
 }
 
@@ -187,7 +187,7 @@ impl Row {
             measured_error_m: run.measured_error_m,
             force_step_n_max: run.force_step_n_max,
             non_finite: run.non_finite.clone(),
-            missing_rights: missing.map(|right| right.name.clone()).collect(),
+            missing_rights: missing.map(|right| right.detail.clone()).collect(),
         }
     }
 
