@@ -93,7 +93,7 @@ pub struct PressureHorizons {
     pub max_wait: u64,
     /// Within which a step back was too early.
     pub early: u64,
-    /// Of contact over which it is judged.
+    /// That contacts may lose for want of room at the most, at the error of the next ring.
     pub misses: u32,
     /// Without any question.
     pub pause: u64,

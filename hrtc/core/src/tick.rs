@@ -202,7 +202,13 @@ impl Controller {
         let elapsed = tick.saturating_sub(last).max(1);
         self.active.meter.begin_tick(elapsed - 1);
         if elapsed > 1 {
-            let waited = self.horizons.waited(elapsed - 1);
+            // What still waits here has come: then no station is silent.
+            let is_empty = self.active.meter.left() == 0;
+            let waited = if is_empty {
+                self.horizons.waited(elapsed - 1)
+            } else {
+                0
+            };
             for object in &mut self.active.objects {
                 object.front.skip_periods(elapsed - 1);
                 object.session.skip_periods(waited);

@@ -40,7 +40,7 @@ fn told(text: &str, place: Range<usize>, message: &str) -> Option<String> {
     let is_kind = message == "wanted string or table";
     if key.is_none()
         && (is_kind || message.starts_with("invalid type: "))
-        && let Some(sentence) = header(value)
+        && let Some(sentence) = header(value, message)
     {
         return Some(sentence);
     }
@@ -66,14 +66,15 @@ fn told(text: &str, place: Range<usize>, message: &str) -> Option<String> {
 
 /// The sentence for the header of a table with too few brackets or too many, which serde takes for
 /// something else than what its key is.
-fn header(value: &str) -> Option<String> {
+fn header(value: &str, message: &str) -> Option<String> {
     let inside = |open: &str, close: &str| value.strip_prefix(open)?.strip_suffix(close);
     if let Some(name) = inside("[[", "]]") {
         return Some(format!(
             "[[{name}]] begins one of several tables, but there is only one of it; write [{name}]"
         ));
     }
-    let name = inside("[", "]")?;
+    // Where no list is expected, more brackets are no help.
+    let name = inside("[", "]").filter(|_| message.ends_with(", expected a sequence"))?;
     Some(format!(
         "[{name}] begins the only table of its name, but there may be several; write [[{name}]]"
     ))
@@ -258,6 +259,7 @@ mod tests {
             ("[[probe]]\n[[probe.device]]\n", "; write [probe.device]"),
             // Nothing of the brackets.
             ("[loop]\n[loop]\n", "duplicate key"),
+            ("[[object]]\n[object.model]\n", "write a text in quotes"),
         ] {
             let none = Overrides::default();
             let said = parse(text, "s", Path::new(""), &none, &NoFiles).unwrap_err();

@@ -435,6 +435,9 @@ impl Front {
         let is_here = index.is_some_and(|index| self.cache.regions.at(index).is_resident());
         let error = if is_here {
             certified.min(ring.tolerance)
+        } else if certified.is_nan() {
+            // There is no bound, which is not to count as no error.
+            f32::INFINITY
         } else {
             certified
         };

@@ -7,8 +7,8 @@
 //!
 //! A cache that holds a region now and again leaves the contact at full resolution for a while and
 //! at the base mesh for another. The next coarser ring is better where it has less error than that
-//! on average. So with e the error of a contact, n that of the next ring, and m what was lost so
-//! far, in ticks of n,
+//! on average. So with e the certified error of a contact, n the expected one of the next ring (e
+//! is a bound, so that it may come coarser early), and m what was lost so far, in ticks of n,
 //!
 //! `m = min(max(m + e / n - 1, 0), MISSES_S)`
 //!
@@ -18,7 +18,8 @@
 //! for time or for the probe: its error is that of its ring.
 //!
 //! A step back is a trial, which ends at the first region that finds no room once half of
-//! `MISSES_S` is lost. After one that fails the wait for the next doubles, up to `MAX_WAIT_S`.
+//! `MISSES_S` is lost. Where one finds no room within `EARLY_S`, also if the trial goes on, the
+//! wait for the next step back doubles, up to `MAX_WAIT_S`.
 
 use super::lod_controller::MAX_RINGS;
 use crate::horizons::PressureHorizons;

@@ -192,11 +192,8 @@ impl Session {
     }
 
     /// Periods were skipped since the last tick, of which so many count as waited for an answer.
-    /// Not where a chunk was left here in that tick: then the station is not silent.
     pub fn skip_periods(&mut self, periods: u64) {
-        if !self.is_stalled {
-            self.subscriber.skip_periods(periods);
-        }
+        self.subscriber.skip_periods(periods);
     }
 
     /// What was going on is over, and the fault that ended it.

@@ -77,14 +77,16 @@ pub struct Subscriber {
     tour: Option<TourAsk>,
     tour_asked: bool,
     quarters_asked: bool,
-    /// Tick when regions or a tour were awaited last.
+    /// Skipped periods that count as waited: with the ticks the clock of what is awaited.
+    skipped: u64,
+    /// When regions or a tour were awaited last, by that clock.
     awaited_at: u64,
     /// Place in the region table up to which held regions were declared in this epoch.
     declared: usize,
     questions: Questions,
     /// Chunks of the epoch that the station was allowed to send.
     granted: u64,
-    /// Tick when the last request about regions was made.
+    /// When the last request about regions was made, and when something came last, by that clock.
     asked_at: u64,
     last_progress: u64,
     /// Epochs in a row that ended in silence.
@@ -125,6 +127,7 @@ impl Subscriber {
             tour: None,
             tour_asked: false,
             quarters_asked: false,
+            skipped: 0,
             awaited_at: 0,
             declared: 0,
             questions: Questions::new(),
@@ -188,7 +191,7 @@ impl Subscriber {
             || self.quarters_asked;
         let silent = waiting
             && !is(Mutant::Timeout)
-            && tick.saturating_sub(self.last_progress) > meter.timeout(self.silences);
+            && self.now(tick).saturating_sub(self.last_progress) > meter.timeout(self.silences);
         let another = self.is_another(station);
         if another {
             self.station = station;
@@ -206,13 +209,12 @@ impl Subscriber {
     /// Periods were skipped since the last tick: link and station went on, so what is awaited was
     /// awaited for as much longer.
     pub fn skip_periods(&mut self, periods: u64) {
-        for last in [
-            &mut self.last_progress,
-            &mut self.asked_at,
-            &mut self.awaited_at,
-        ] {
-            *last = last.saturating_sub(periods);
-        }
+        self.skipped += periods;
+    }
+
+    /// A tick by the clock of what is awaited.
+    fn now(&self, tick: u64) -> u64 {
+        tick + self.skipped
     }
 
     /// Ends the epoch: forgets what is under way, and declares and asks anew.
@@ -237,7 +239,7 @@ impl Subscriber {
         self.declared = 0;
         self.questions.clear();
         self.granted = 0;
-        self.last_progress = tick;
+        self.last_progress = self.now(tick);
     }
 
     /// Standing of a chunk in this epoch; consume a next one with [`Subscriber::consumed`].
@@ -260,13 +262,13 @@ impl Subscriber {
     pub fn consumed(&mut self, tick: u64) {
         self.next_chunk += 1;
         self.consumed += 1;
-        self.last_progress = tick;
+        self.last_progress = self.now(tick);
         self.silences = 0;
     }
 
     /// A part of the next chunk was taken: what is left of it waits here, not at the station.
     pub fn has_taken(&mut self, tick: u64) {
-        self.last_progress = self.last_progress.max(tick);
+        self.last_progress = self.last_progress.max(self.now(tick));
     }
 
     /// Takes a stale chunk for a sign of life, if it is of an earlier epoch with this station: what
@@ -276,7 +278,7 @@ impl Subscriber {
     pub fn hear_stale(&mut self, header: &ChunkHeader, tick: u64) {
         let is_answer = header.kind != ChunkKind::Measured as u32;
         if is_answer && header.station == self.station && header.epoch < self.epoch {
-            self.last_progress = self.last_progress.max(tick);
+            self.last_progress = self.last_progress.max(self.now(tick));
         }
     }
 
@@ -391,7 +393,7 @@ impl Subscriber {
     /// `begins_wait`: an answer is expected, and none was before.
     fn send(&mut self, outbox: &mut Outbox, request: Request, tick: u64, begins_wait: bool) {
         if begins_wait {
-            self.last_progress = self.last_progress.max(tick);
+            self.last_progress = self.last_progress.max(self.now(tick));
         }
         let granted = request.consumed + u64::from(request.credit);
         self.granted = self.granted.max(granted);
@@ -435,7 +437,7 @@ impl Subscriber {
                 self.send(outbox, request, tick, begins_wait);
             }
             self.declare(tick, cache, outbox);
-            if tick >= self.asked_at + meter.request_ticks() {
+            if self.now(tick) >= self.asked_at + meter.request_ticks() {
                 self.ask(tick, cache, wanted, meter, outbox);
             }
             self.ask_quarters(tick, cache, meter, outbox);
@@ -453,9 +455,9 @@ impl Subscriber {
     /// a contact is as accurate without them, though less is known of it.
     fn ask_quarters(&mut self, tick: u64, cache: &Cache, meter: &LinkMeter, outbox: &mut Outbox) {
         if !self.questions.all().is_empty() || self.tour.is_some() {
-            self.awaited_at = tick;
+            self.awaited_at = self.now(tick);
         }
-        let is_idle = tick > self.awaited_at + meter.round_trip_ticks();
+        let is_idle = self.now(tick) > self.awaited_at + meter.round_trip_ticks();
         let may_ask = is_idle && !self.quarters_asked && outbox.has_room();
         if let (true, Some(next)) = (may_ask, cache.next_quarters()) {
             self.quarters_asked = true;
@@ -540,7 +542,7 @@ impl Subscriber {
         outbox.has_looked_at(looked_at);
         if request.count > 0 {
             self.send(outbox, request, tick, was_idle && asked + again > 0);
-            self.asked_at = tick;
+            self.asked_at = self.now(tick);
             self.subscribed += u64::from(asked);
         }
     }
