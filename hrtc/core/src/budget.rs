@@ -184,7 +184,7 @@ impl<'a> QueryBudget<'a> {
                 let ns = self.time.left().saturating_sub(search.ceil() as u32);
                 self.proxies.left().min(of_time(ns))
             }
-            QueryWork::Search | QueryWork::Effects => {
+            QueryWork::Search | QueryWork::Effects | QueryWork::ToolSearch => {
                 let left = self.searches.left().min(of_time(self.time.left()));
                 if self.is_over() {
                     left.min(MIN_SEARCH_UNITS)
@@ -210,7 +210,9 @@ impl<'a> QueryBudget<'a> {
         self.units[kind.unit()] += units;
         match kind {
             QueryWork::Ball | QueryWork::Tool => self.proxies.spent += units,
-            QueryWork::Search | QueryWork::Effects => self.searches.spent += units,
+            QueryWork::Search | QueryWork::Effects | QueryWork::ToolSearch => {
+                self.searches.spent += units;
+            }
         }
         let ns = f64::from(units) * self.costs.of_query(kind);
         self.time.spent = self.time.spent.saturating_add(ns.ceil() as u32);
@@ -274,6 +276,8 @@ mod tests {
         let of_tool = budget.left(QueryWork::Tool);
         let search_ns = f64::from(MIN_SEARCH_UNITS) * costs.search;
         assert_eq!(of_tool, ((36_000.0 - search_ns) / costs.tool) as u32);
+        let of_search = budget.left(QueryWork::ToolSearch);
+        assert_eq!(of_search, (36_000.0 / costs.tool) as u32);
         budget.charge(
             QueryWork::Tool,
             Work {

@@ -43,6 +43,8 @@ pub enum QueryWork {
     Ball,
     /// [`WorkCosts::tool`].
     Tool,
+    /// The nearest faces of a tool and an object: [`WorkCosts::tool`].
+    ToolSearch,
 }
 
 impl QueryWork {
@@ -55,7 +57,7 @@ impl QueryWork {
         match self {
             Self::Search => 0,
             Self::Effects | Self::Ball => 1,
-            Self::Tool => 2,
+            Self::Tool | Self::ToolSearch => 2,
         }
     }
 }
@@ -106,7 +108,7 @@ impl WorkCosts {
         match work {
             QueryWork::Search => self.search,
             QueryWork::Effects | QueryWork::Ball => self.ball,
-            QueryWork::Tool => self.tool,
+            QueryWork::Tool | QueryWork::ToolSearch => self.tool,
         }
     }
 

@@ -2,7 +2,7 @@
 
 use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
+use crate::contact::query::{Surface, Work, closest_point_within};
 use crate::contact::rigid_proxy::{NearestPair, ToolProxy};
 use crate::contact::sphere_proxy::Contact;
 use crate::costs::QueryWork;
@@ -21,8 +21,6 @@ use spm::{Handle, NONE};
 
 /// Nodes and faces that a search for a place beside the proxy may visit.
 const OUTSIDE_WORK: u32 = 128;
-/// Nodes and faces that surely lead to a face: the levels of a tree, and one more.
-const DESCENT_WORK: u32 = 32;
 /// Rounding of a distance: a ball at rest on a surface is nearer by it than its radius.
 const ROUNDING: f64 = 1e-6;
 
@@ -70,8 +68,9 @@ pub struct ProbeObjectPair {
     pub effects: SurfaceEffects,
     /// Nearest point of the surface, model units.
     nearest: Option<DVec3>,
-    /// The faces of surface and tool that were nearest to each other, if that was last looked for.
-    nearest_pair: Option<[Handle; 2]>,
+    /// Where surface and tool were nearest to each other, and the tool's pose then, if that was last
+    /// looked for.
+    nearest_pair: Option<(NearestPair, Pose)>,
     /// Position of the proxy when the clearance was measured.
     measured_at: Option<DVec3>,
     /// Where the proxy begins, object's axes, metres, if that is not where the probe is.
@@ -239,14 +238,9 @@ impl ProbeObjectPair {
         budget.charge(kind, step.work);
         let hint = self.hint.filter(|&face| surface.mesh.is_active(face));
         let most = budget.left(QueryWork::Search);
-        let (mut nearest, work, is_complete) = self.proxy.nearest(surface, hint, most);
+        let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, most);
         budget.charge(QueryWork::Search, work);
         if step.contact.is_none() && self.proxy.is_held() {
-            if nearest.is_none() && !is_complete {
-                let (found, work) = self.any_face(surface);
-                budget.charge(QueryWork::Search, work);
-                nearest = found;
-            }
             step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
         }
         self.hint = nearest.map(|nearest| nearest.face);
@@ -267,16 +261,6 @@ impl ProbeObjectPair {
         };
         self.measured_at = self.proxy.position();
         Some(step)
-    }
-
-    /// A face on the side of the patch, by the shortest search that finds one: what is held keeps
-    /// its contact also where the face that held it is gone and the time is over.
-    fn any_face(&self, surface: Surface<'_>) -> (Option<Nearest>, Work) {
-        let Some((middle, _)) = self.proxy.patch() else {
-            return (None, Work::default());
-        };
-        let (found, work, _) = closest_point_within(surface, middle, None, DESCENT_WORK);
-        (found, work)
     }
 
     /// The nearer of two points. A search that was cut short may have missed what it found before.
@@ -452,21 +436,26 @@ impl ProbeObjectPair {
             });
         }
         let tool = self.tool().filter(|tool| tool.is_placed())?;
-        let (offset, position) = (tool.contact_offset(), tool.pose().position);
+        let (offset, pose) = (tool.contact_offset(), tool.pose());
         let reach = reach_m / scale + offset;
-        let most = budget.left(QueryWork::Effects);
-        let (nearest, work) = self
-            .proxy
-            .nearest_pair(surface, reach, self.nearest_pair, most)?;
-        budget.charge(QueryWork::Effects, work);
-        self.nearest_pair = nearest.map(|nearest| nearest.faces);
+        let before = self.nearest_pair.map(|(pair, at)| pair.moved(&at, &pose));
+        let faces = before.map(|pair| pair.faces);
+        let most = budget.left(QueryWork::ToolSearch);
+        let (found, work, is_complete) = self.proxy.nearest_pair(surface, reach, faces, most)?;
+        budget.charge(QueryWork::ToolSearch, work);
+        // A search that was cut short may have missed what it found before.
+        let known = before.filter(|_| !is_complete);
+        let nearer =
+            |a: &NearestPair, b: &NearestPair| a.distance_squared.total_cmp(&b.distance_squared);
+        let nearest = found.into_iter().chain(known).min_by(nearer);
+        self.nearest_pair = nearest.map(|nearest| (nearest, pose));
         let NearestPair { points, .. } = nearest?;
         let [on_surface, on_tool] = points;
         let outward = on_surface - on_tool;
         Some(Gap {
             width_m: (outward.length() - offset).max(0.0) * scale,
             towards: outward.normalize_or_zero(),
-            arm: (on_tool - position) * scale,
+            arm: (on_tool - pose.position) * scale,
         })
     }
 }

@@ -16,7 +16,7 @@
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
 //! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
 //! makes one of them plausible. Periods that were skipped before this sample, or before a tick
-//! without any, widen them beyond that. Elsewhere, a device is at a *new place* only after
+//! without any while none was rejected, widen them beyond that. Elsewhere, a device is at a *new place* only after
 //! [`NEW_PLACE_S`] of samples that are plausible after one another, and when the force on it has
 //! ramped down, so that it begins anew from zero. The proxies stay where they were: between there
 //! and the new place may be a surface.
@@ -134,9 +134,11 @@ impl Plausibility {
     /// Judges the pose that a device gave in a tick, `elapsed` periods after the tick before;
     /// `is_free`: no force acts on the device. `None` where there is none or it is rejected.
     pub fn judge(&mut self, given: Option<Pose>, elapsed: u64, is_free: bool) -> Option<Accepted> {
+        // Between rejected samples a tick without any is part of their stream.
+        let is_silent = given.is_none() && self.rejected.is_none();
         let courses = self.course.iter_mut();
         for course in courses.chain(self.rejected.as_mut().map(|(course, _)| course)) {
-            course.wait(elapsed, given.is_none());
+            course.wait(elapsed, is_silent);
         }
         if is(Mutant::NotFinite)
             && let Some(pose) = given.filter(|pose| !pose.is_finite())
@@ -290,6 +292,12 @@ mod tests {
         for k in 0..1000 {
             let x = if k % 2 == 0 { -3.0 } else { 5.0 };
             assert_eq!(judge.judge(at(x), 2, true), None, "sample {k}");
+        }
+        // Each is given twice, which counts as once.
+        for k in 0..4000 {
+            let x = if k % 4 == 0 { -3.0 } else { 5.0 };
+            let given = if k % 2 == 0 { at(x) } else { None };
+            assert_eq!(judge.judge(given, 2, true), None, "tick {k}");
         }
     }
 

@@ -4,7 +4,7 @@
 use crate::contact::coupling::Coupling;
 use crate::contact::motion::Twist;
 use crate::contact::query::{
-    Deadline, Limit, MAX_FACES, Nearest, Surface, Work, closest_point_within,
+    Deadline, Limit, MAX_FACES, Nearest, PairWork, Surface, Work, closest_point_within,
 };
 use crate::contact::rigid_proxy::projection::MAX_ACTIVE;
 use crate::contact::rigid_proxy::{
@@ -384,11 +384,17 @@ impl ProxyKind {
         reach: f64,
         before: Option<[Handle; 2]>,
         max_work: u32,
-    ) -> Option<(Option<NearestPair>, Work)> {
+    ) -> Option<(Option<NearestPair>, Work, bool)> {
         let tool = self.tool()?;
-        let mut limit = Limit::from(max_work.saturating_mul(PAIRS_A_UNIT));
-        let (nearest, work) = tool.nearest_within(surface, reach, before, &mut limit);
-        Some((nearest, in_units(work.node_pairs, work.cost())))
+        // The faces before are one pair.
+        let most = max_work.saturating_mul(PAIRS_A_UNIT);
+        let Some(most) = most.checked_sub(PairWork::FACE_PAIR) else {
+            return Some((None, Work::default(), false));
+        };
+        let mut limit = Limit::from(most);
+        let (nearest, work, is_complete) = tool.nearest_within(surface, reach, before, &mut limit);
+        let work = in_units(work.node_pairs, work.cost());
+        Some((nearest, work, is_complete))
     }
 
     /// Depth of the device behind the proxy, metres, the wrench on it about its position in the

@@ -204,7 +204,8 @@ mod tests {
             parse(&text, "s", Path::new(""), &overrides, &NoFiles)
         };
         let deep = "trajectory = { tour = { depth_m = 0.2 } }";
-        let shallow = "trajectory = { tour = { depth_m = 0.0001 } }";
+        let shallow = "trajectory = { tour = { depth_m = 0.0001, speed_m_per_s = 0.01 } }";
+        let slow = "trajectory = { tour = { speed_m_per_s = 0.04 } }";
         let ball = "shape = { sphere = { radius_m = 0.2 } }";
         let of_tip = "line 4: the probe's tip has a radius of";
         for (size, probe, given, says) in [
@@ -241,7 +242,7 @@ mod tests {
         for (size, probe, given) in [
             ("size_m = 0.1", fast, Some(0.125)),
             ("metres_per_unit = 0.001", fast, None),
-            ("size_m = 0.002", "", None),
+            ("size_m = 0.002", slow, None),
             ("size_m = 0.001", shallow, None),
             ("size_m = 0.0015", deep, Some(0.2)),
             // How large it is only the station knows.

@@ -321,11 +321,10 @@ impl Contacts {
                 return (spent, false);
             }
             let [may_be, is_new] = near.asks(surface.mesh, shape, k);
-            spent += LOOK * u32::from(is_new);
+            spent += PASSED + LOOK * u32::from(is_new);
             if !may_be {
                 continue;
             }
-            spent += PASSED;
             let pair = near.pairs[k];
             let corners = near.corners(shape, pair.tool);
             let now = near.apart_now(&pair, corners);

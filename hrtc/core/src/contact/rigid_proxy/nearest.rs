@@ -3,13 +3,13 @@
 use super::ToolProxy;
 use crate::contact::query::{Body, Limit, PairWork, Surface};
 use crate::contact::tool::{RelativePath, Resume, for_each_near_pair};
-use geometry::closest_points_of_triangles;
+use geometry::{Pose, closest_points_of_triangles};
 use glam::DVec3;
 use spm::Handle;
 use std::ops::ControlFlow;
 
 /// Nearest points of a tool at its proxy and of the surface; model frame and units.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct NearestPair {
     /// The face of the surface and that of the tool.
     pub faces: [Handle; 2],
@@ -19,13 +19,27 @@ pub struct NearestPair {
     pub distance_squared: f64,
 }
 
+impl NearestPair {
+    /// The same points where the tool has moved from one pose to another since.
+    #[must_use]
+    pub fn moved(self, from: &Pose, to: &Pose) -> Self {
+        let [on_surface, on_tool] = self.points;
+        let on_tool = to.transform_point(from.inverse_transform_point(on_tool));
+        Self {
+            faces: self.faces,
+            points: [on_surface, on_tool],
+            distance_squared: on_surface.distance_squared(on_tool),
+        }
+    }
+}
+
 impl ToolProxy {
     /// The nearest points of the tool, where it is, and the surface, no farther apart than `reach`
     /// (model units).
     ///
     /// `before`: the faces of an earlier answer, whose distance now bounds the search: without them
-    /// it begins with all pairs within the reach. Where the limit ends it, the answer is the
-    /// nearest of what was searched.
+    /// it begins with all pairs within the reach. Returns as well whether it is complete; else the
+    /// answer is the nearest of what was searched.
     #[must_use]
     pub fn nearest_within(
         &self,
@@ -33,7 +47,7 @@ impl ToolProxy {
         reach: f64,
         before: Option<[Handle; 2]>,
         limit: &mut Limit<'_>,
-    ) -> (Option<NearestPair>, PairWork) {
+    ) -> (Option<NearestPair>, PairWork, bool) {
         let (centre, rotation) = (self.at.centre, self.at.rotation());
         let pair_of = |[face, of_tool]: [Handle; 2]| {
             let own = self.shape.faces[of_tool as usize].vertices;
@@ -54,7 +68,7 @@ impl ToolProxy {
         let path = RelativePath::new([centre; 2], [rotation; 2]);
         let (start, resume) = (margin(&best), Resume::START);
         let blocks = &self.shape.blocks;
-        let (_, mut work, _) = for_each_near_pair(
+        let (ending, mut work, _) = for_each_near_pair(
             &surface,
             blocks,
             &path,
@@ -72,6 +86,6 @@ impl ToolProxy {
             },
         );
         work.faces += u32::from(before.is_some());
-        (best, work)
+        (best, work, ending.is_complete())
     }
 }

@@ -1,7 +1,6 @@
 //! Places beside a proxy, and what a late tick finds.
 
 use super::*;
-use crate::tuning::governor::MIN_SEARCH_UNITS;
 use ab_tree::{AbTree, leaf_key};
 use spm::{ActiveMesh, Certified};
 
@@ -99,23 +98,6 @@ fn held() -> ProbeObjectPair {
     let mut pair = ProbeObjectPair::new(&shape, SurfaceEffects::default());
     pair.proxy.begin(1e-3, 1.0, Some(Pose::IDENTITY));
     pair
-}
-
-/// In a late tick, when the face that was nearest has just been split.
-#[test]
-fn what_is_held_finds_a_face_of_a_large_front_without_a_hint_or_time() {
-    let heights: Vec<f32> = (2..1026_u16).map(|k| 1e-3 * f32::from(k)).collect();
-    let (mesh, tree) = sheets(&heights);
-    let surface = Surface {
-        mesh: &mesh,
-        tree: &tree,
-    };
-    let pair = held();
-    let (found, _, is_complete) = pair.proxy.nearest(surface, None, MIN_SEARCH_UNITS);
-    assert!(found.is_none() && !is_complete, "{found:?}");
-    let (found, work) = pair.any_face(surface);
-    assert!(found.is_some_and(|of| mesh.is_active(of.face)));
-    assert!(work.nodes + work.faces <= DESCENT_WORK, "{work:?}");
 }
 
 #[test]
