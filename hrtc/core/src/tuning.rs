@@ -387,12 +387,6 @@ pub mod force {
     /// returns whole.
     pub const RETURNS_TO: f64 = 1.5;
 
-    /// Leaks of the hold, of a period each, by which one period on the way out repays what a spring
-    /// is short of. With two, as for the leaks of the way in alone, a bar that trembles on an edge
-    /// loses over a quarter of its force at 3 of 12 seeds, with six at one (`rt-tests stability
-    /// turned-force-on-edge`). It is a damper of 3.5 K T.
-    pub const REPAID_HOLDS: f64 = 6.0;
-
     /// Imperceptible forces by which an unpaid force returns beyond what is paid for, while the
     /// device stays in a surface. A hand of 100 to 1000 N/m that rests there gives way to them, and
     /// they fade as it does, by 0.06 N in a tick at the most; from six on they are cut, by 0.3 N

@@ -379,10 +379,8 @@ impl Body {
         CarriedWork {
             pushed_j: wrench.force.dot(motion.linear),
             turned_j: wrench.torque.dot(motion.angular),
-            most_j: [
-                wrench.force.length() * motion.linear.length(),
-                wrench.torque.length() * motion.angular.length(),
-            ],
+            most_j: wrench.force.length() * motion.linear.length()
+                + wrench.torque.length() * motion.angular.length(),
         }
     }
 }

@@ -17,20 +17,17 @@
 //! out: the passive wrench is scaled by a share from 0 to 1. Of the wanted wrench, let W be its
 //! work in the coming period over the extrapolated motion, U the energy in its spring and K the
 //! stiffness of that, and d the change of length of the spring. A is the energy that the contact
-//! has taken in, and `N = 4 K D²` an error of the balance that is tolerated, with the length D by
-//! which steps of the encoders change the spring. It does not grow with the force: two steps of
-//! 3 N are 6e-5 J. A share p of the spring is paid for (see below). While the device moves away:
+//! has taken in, N that of two encoder steps, an error of the balance that is tolerated. A share p
+//! of the spring is paid for (see below). While the device moves away:
 //!
 //! - Hold: `p (W - K d² / 2)`. The work of the scaled force is then the loss of energy of the
-//!   spring in the period. What the spring holds beyond A, since a contact began between two ticks,
-//!   a tick was missed, or holds leaked on the way in, is compensated by up to `REPAID_HOLDS` of
-//!   these. It is a damper of a few K T, of which nothing is left at rest. It repays what a share
-//!   could only follow: one that goes up and down moves the hand, and puts out more than the hold.
-//! - Account: the work is at most A + N. So no contact puts out more than N, but for what the
-//!   extrapolation errs by in one period.
+//!   spring in the period. What the spring holds beyond A, since a contact began between two ticks
+//!   or a tick was missed, is compensated by up to `K d²` more. It is proportional to v²: a device
+//!   at rest is unaffected.
+//! - Account: the work is at most A.
 //! - Slew: the force limiter behind the account lets a force F fall by at most s in a tick. It is
-//!   scaled so far that A + N also pays for its work while it falls to zero, about `u F² / 2 s`
-//!   at a motion u in a tick. The same holds for a torque.
+//!   scaled so far that A also pays for its work while it falls to zero, about `u F² / 2 s` at a
+//!   motion u in a tick. The same holds for a torque.
 //!
 //! The force is never reversed, so a surface does not stick.
 //!
@@ -45,11 +42,12 @@
 //! of that force leaves c as it is. The share p follows c:
 //!
 //! - While the device moves away with `p > c`, p falls by `2 p (p - c) W / (A + N)`. So c falls in
-//!   proportion to `p / c` while that goes to 1, and nothing is cut before. Work that no spring
-//!   gives back, as of a force that is shaded, lowers c; p follows at up to twice c, and falls as
-//!   what is left does. The faster the device leaves, the faster p falls, also beyond the
-//!   perception limit: A would else be used up, and the force cut. By as much as p must fall to
-//!   stay as far above c, it falls towards it: that is the 2.
+//!   proportion to `p / c` while that goes to 1. The account cuts the force before that only where
+//!   A is less than N; then p is c at once, so that the force does not come back in the next tick.
+//!   Work that no spring gives back, as of a force that is shaded, lowers c; p follows at up to
+//!   twice c, and falls as what is left does. The faster the device leaves, the faster p falls,
+//!   also beyond the perception limit: A would else be used up, and the force cut. By as much as p
+//!   must fall to stay as far above c, it falls towards it: that is the 2.
 //! - With `p < c` it rises by the perception limit of a tick.
 //! - While the device does not move away, p rises to `RETURNS_TO` times c, and by `RETURNS_BEYOND`
 //!   imperceptible forces beyond; the slower the less is paid for, by c of the perception limit of
@@ -84,8 +82,8 @@
 use super::device_motion::{DeviceMotion, Displacement};
 use crate::perception::{IMPERCEPTIBLE_N, STEP_N_PER_S, STEP_SHARE_PER_S};
 use crate::tuning::force::{
-    EXCESS_FADES_S, MOTION_ROUNDING, RAISED_FADES_S, REPAID_HOLDS, RETURNS_BEYOND, RETURNS_TO,
-    UNPAID_RETURNS_S, VELOCITY_WINDOW_S,
+    EXCESS_FADES_S, MOTION_ROUNDING, RAISED_FADES_S, RETURNS_BEYOND, RETURNS_TO, UNPAID_RETURNS_S,
+    VELOCITY_WINDOW_S,
 };
 use geometry::portable::rotation_vector;
 use geometry::{Pose, Wrench};
@@ -134,8 +132,8 @@ pub struct CarriedWork {
     pub pushed_j: f64,
     /// Work of the torques, joules.
     pub turned_j: f64,
-    /// What each would be along the motion, joules.
-    pub most_j: [f64; 2],
+    /// What both would be along the motion, joules.
+    pub most_j: f64,
 }
 
 impl CarriedWork {
@@ -143,16 +141,6 @@ impl CarriedWork {
     #[must_use]
     pub fn total(self) -> f64 {
         self.pushed_j + self.turned_j
-    }
-
-    /// That of the forces, where a device renders no torque.
-    #[must_use]
-    pub fn without_torque(self) -> Self {
-        Self {
-            turned_j: 0.0,
-            most_j: [self.most_j[0], 0.0],
-            ..self
-        }
     }
 }
 
@@ -163,7 +151,7 @@ impl std::ops::Add for CarriedWork {
         Self {
             pushed_j: self.pushed_j + other.pushed_j,
             turned_j: self.turned_j + other.turned_j,
-            most_j: [0, 1].map(|k| self.most_j[k] + other.most_j[k]),
+            most_j: self.most_j + other.most_j,
         }
     }
 }
@@ -331,6 +319,10 @@ impl EnergyAccount {
         let turned = most_work(wanted.torque, &self.rotation) - ahead.turned_j;
         let work = pushed + turned;
         let size = wanted.force.length();
+        let taken_in = (self.raised_j - self.contact_joules).max(0.0);
+        // Two encoder steps of error in the balance are tolerated.
+        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
+        let paid_j = taken_in + 2.0 * steps;
         // With a torque the force may be none: the size is that of the generalised force, √(2 K U).
         let pull = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
         let generalised = if wanted.torque == DVec3::ZERO {
@@ -338,16 +330,10 @@ impl EnergyAccount {
         } else {
             size.max(pull)
         };
-        let steps = size * self.translation.step() + wanted.torque.length() * self.rotation.step();
-        let taken_in = self.raised_j - self.contact_joules;
-        let paid_j = (taken_in + tolerated(steps, pull, spring.stiffness_n_per_m)).max(0.0);
-        // Without a spring it is no number, and all is paid for.
-        let paid_for = (paid_j / spring.stored_j).min(1.0);
         let leaves = work > self.rounding(size, ahead);
         self.follow(
             leaves.then_some(work),
-            paid_for,
-            [paid_j, spring.stored_j, ahead.most_j.iter().sum()],
+            [paid_j, spring.stored_j, ahead.most_j],
             generalised,
         );
         if !leaves {
@@ -367,29 +353,29 @@ impl EnergyAccount {
         };
         // Energy of the hold, K d² / 2.
         let hold_loss = 0.5 * spring.stiffness_n_per_m * along * along;
-        // Not `clamp`, which has a panic.
-        let unpaid = (self.paid * spring.stored_j - taken_in).max(0.0);
-        let repaid = unpaid.min(REPAID_HOLDS * hold_loss);
-        let held = self.paid * (work - hold_loss - repaid) / work;
+        let unpaid = self.paid * spring.stored_j - paid_j;
+        let held = self.paid * (work - hold_loss - unpaid.clamp(0.0, 2.0 * hold_loss)) / work;
         // At a share s the force does the work s W, and s² of its fall's or less while it falls.
         let fall = self.most_work_of_fall(wanted, [pushed, turned]);
-        let payable = 2.0 * paid_j / (work + (work * work + 4.0 * fall * paid_j).sqrt());
-        // What is cut comes back as what is unpaid does.
+        let payable = 2.0 * taken_in / (work + (work * work + 4.0 * fall * taken_in).sqrt());
+        // What is cut comes back as what is unpaid does, but for the error that is tolerated.
+        let paid_for = paid_j / spring.stored_j;
         self.paid = self.paid.min(payable.max(paid_for));
         held.min(payable).clamp(0.0, 1.0)
     }
 
-    /// The share follows the part of the spring that is `paid_for`: see the module. The energies
-    /// that are paid for and in the spring, joules, and the most work over the motion of the
-    /// material in the coming period. `leaving`: work of the wanted wrench in that, joules, where
-    /// the device moves away. `generalised`: size of the wrench, newtons.
+    /// The share that is paid for follows the energies that are paid for and in the spring, joules:
+    /// see the module; the third is the most work over the motion of the material in the coming
+    /// period. `leaving`: work of the wanted wrench in that, joules, where the device moves
+    /// away. `generalised`: size of the wrench, newtons.
     fn follow(
         &mut self,
         leaving: Option<f64>,
-        paid_for: f64,
         [paid_j, stored_j, carried_j]: [f64; 3],
         generalised: f64,
     ) {
+        // Not a number without a spring: all is paid for.
+        let paid_for = (paid_j / stored_j).min(1.0);
         let least_n = STEP_N_PER_S * self.period_s / generalised;
         let imperceptible = (STEP_SHARE_PER_S * self.period_s * self.paid).max(least_n);
         let excess = self.paid - paid_for;
@@ -522,18 +508,6 @@ impl EnergyAccount {
     #[must_use]
     pub fn joules(&self) -> f64 {
         self.joules
-    }
-}
-
-/// Error of the balance that is tolerated, joules: see the module. `steps`: work of the wanted
-/// wrench over a step of the encoders; `pull`: the generalised force of the spring, newtons. No
-/// spring has none.
-fn tolerated(steps: f64, pull: f64, stiffness_n_per_m: f64) -> f64 {
-    if pull > 0.0 {
-        let length = steps / pull;
-        4.0 * stiffness_n_per_m * length * length
-    } else {
-        0.0
     }
 }
 

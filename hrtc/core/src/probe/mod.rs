@@ -334,7 +334,7 @@ impl Probe {
             // It does no work then.
             wanted.passive = wanted.passive.without_torque();
             wanted.active = wanted.active.without_torque();
-            ahead = ahead.without_torque();
+            ahead.turned_j = 0.0;
         }
         let mut passive = wanted.passive;
         let mut given = 1.0;
