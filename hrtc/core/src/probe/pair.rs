@@ -68,8 +68,8 @@ pub struct ProbeObjectPair {
     pub effects: SurfaceEffects,
     /// Nearest point of the surface, model units.
     nearest: Option<DVec3>,
-    /// Where surface and tool were nearest to each other, and the tool's pose then, if that was last
-    /// looked for.
+    /// Where surface and tool were nearest to each other, and the tool's pose then, if that was
+    /// looked for last.
     nearest_pair: Option<(NearestPair, Pose)>,
     /// Position of the proxy when the clearance was measured.
     measured_at: Option<DVec3>,

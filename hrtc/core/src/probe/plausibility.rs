@@ -16,10 +16,10 @@
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
 //! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
 //! makes one of them plausible. Periods that were skipped before this sample, or before a tick
-//! without any while none was rejected, widen them beyond that. Elsewhere, a device is at a *new place* only after
-//! [`NEW_PLACE_S`] of samples that are plausible after one another, and when the force on it has
-//! ramped down, so that it begins anew from zero. The proxies stay where they were: between there
-//! and the new place may be a surface.
+//! without any while none was rejected, widen them beyond that. Elsewhere, a device is at a *new
+//! place* only after [`NEW_PLACE_S`] of samples that are plausible after one another, and when the
+//! force on it has ramped down, so that it begins anew from zero. The proxies stay where they were:
+//! between there and the new place may be a surface.
 
 use crate::tuning::probe::{MAX_WIDENED_S, MIN_NEW_PLACE_SAMPLES, NEW_PLACE_S};
 use geometry::Pose;

@@ -8,7 +8,7 @@ use crate::commands::simulate::side::{DEVICE_MAX_N, Side};
 use crate::commands::simulate::trace::{Checked, Trace, ensure};
 use glam::DVec3;
 use haptic_device::Sample;
-use scene::Effect;
+use scene::{Effect, ProbeShape};
 use simulator::{Client, STATION, Simulation};
 
 /// Largest difference of the forces, as a share of the force: half of what a hand can tell (Weber
@@ -155,8 +155,8 @@ fn mean_force(forces: &[Vec<DVec3>], probe: usize) -> DVec3 {
 }
 
 /// Compares the forces of all probes that the last press found free, as a fresh controller begins:
-/// means, since a step of the encoder may turn a contact to and fro. Returns how many are compared,
-/// and how many there are.
+/// means, since a step of the encoder may turn a contact to and fro. Tools only where both contacts
+/// are at full resolution. Returns how many are compared, and how many there are.
 fn is_as(
     client: &Client,
     fresh: &Fresh,
@@ -174,8 +174,12 @@ fn is_as(
     let certified = one.record.certified_error_m + other.record.certified_error_m;
     let sticking = 2.0 * most_friction_of_tools(run);
     let mut compared = [0, side.held.len() as u64];
+    // A coarser slope leads a tool elsewhere: its force differs by more than the slope's error.
+    let is_full = one.record.contact_full && other.record.contact_full;
+    let probes = &run.scenario.plan.probes;
+    let is_known = |k: usize| is_full || matches!(probes[k].shape, ProbeShape::Sphere { .. });
     let free = side.held.iter().enumerate().filter(|(_, held)| !**held);
-    for (k, _) in free {
+    for (k, _) in free.filter(|&(k, _)| is_known(k)) {
         compared[0] += 1;
         let (force, as_fresh) = (mean_force(&side.forces, k), mean_force(&fresh.forces, k));
         let tolerance = FORCE_N.max((FORCE_SHARE + sticking) * as_fresh.length());
