@@ -28,6 +28,7 @@ const ARC_FLOOR: f64 = 0.75;
 /// Rotation up to which arcs deviate from straight lines by the square of it, radians: the next
 /// term of the series is a third of the rotation times that, a twelfth here.
 const QUADRATIC_TURN: f64 = 0.25;
+
 /// A contact of tool and surface.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ToolContact {
