@@ -16,10 +16,13 @@
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
 //! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
 //! makes one of them plausible. Periods that were skipped before this sample, or before a tick
-//! without any while none was rejected, widen them beyond that. Elsewhere, a device is at a *new
-//! place* only after [`NEW_PLACE_S`] of samples that are plausible after one another, and when the
-//! force on it has ramped down, so that it begins anew from zero. The proxies stay where they were:
-//! between there and the new place may be a surface.
+//! without any while none was rejected, widen them beyond that. A wild sample may pass where they
+//! are wide. So one that strays by more than `a T² + 4 h`, as none does where each of three samples
+//! came in a period, is in *doubt*: the next one is plausible from the course before it, too. Else
+//! the velocity that the wild one gave would exclude the true place. Elsewhere, a device is at a
+//! *new place* only after [`NEW_PLACE_S`] of samples that are plausible after one another, and when
+//! the force on it has ramped down, so that it begins anew from zero. The proxies stay where they
+//! were: between there and the new place may be a surface.
 
 use crate::tuning::probe::{MAX_WIDENED_S, MIN_NEW_PLACE_SAMPLES, NEW_PLACE_S};
 use geometry::Pose;
@@ -56,6 +59,8 @@ pub struct Plausibility {
     max_widened: u64,
     /// Course of the accepted samples.
     course: Option<Course>,
+    /// Course before the last accepted sample, where that is in doubt.
+    before_doubt: Option<Course>,
     /// Course of the last rejected ones, and their number.
     rejected: Option<(Course, u32)>,
 }
@@ -91,13 +96,23 @@ impl Course {
         }
     }
 
-    fn go_on_to(&mut self, pose: Pose) {
+    /// How far a pose is off the course, so many periods later, metres; and the periods before the
+    /// last sample in which the motion was measured. Two samples show a speed, and no acceleration.
+    fn strays(&self, pose: &Pose, periods: f64) -> (f64, f64) {
+        let moved = pose.position - self.pose.position;
+        self.motion.map_or((0.0, 1.0), |(motion, before)| {
+            ((moved - motion * periods).length(), before)
+        })
+    }
+
+    /// The course with the next sample.
+    fn led_to(self, pose: Pose) -> Self {
         let periods = self.age.max(1) as f64;
         let motion = (pose.position - self.pose.position) / periods;
-        *self = Self {
+        Self {
             motion: Some((motion, periods)),
             ..Self::at(pose)
-        };
+        }
     }
 }
 
@@ -113,6 +128,7 @@ impl Plausibility {
             new_place_samples: ((NEW_PLACE_S / period_s).round() as u32).max(MIN_NEW_PLACE_SAMPLES),
             max_widened: (MAX_WIDENED_S / period_s).round().max(1.0) as u64,
             course: None,
+            before_doubt: None,
             rejected: None,
         }
     }
@@ -136,8 +152,9 @@ impl Plausibility {
     pub fn judge(&mut self, given: Option<Pose>, elapsed: u64, is_free: bool) -> Option<Accepted> {
         // Between rejected samples a tick without any is part of their stream.
         let is_silent = given.is_none() && self.rejected.is_none();
-        let courses = self.course.iter_mut();
-        for course in courses.chain(self.rejected.as_mut().map(|(course, _)| course)) {
+        let rejected = self.rejected.as_mut().map(|(course, _)| course);
+        let courses = self.course.iter_mut().chain(self.before_doubt.as_mut());
+        for course in courses.chain(rejected) {
             course.wait(elapsed, is_silent);
         }
         if is(Mutant::NotFinite)
@@ -150,7 +167,7 @@ impl Plausibility {
             });
         }
         let pose = given.and_then(usable)?;
-        let Some(mut course) = self.course else {
+        let Some(course) = self.course else {
             self.course = Some(Course::at(pose));
             return Some(Accepted {
                 pose,
@@ -159,14 +176,14 @@ impl Plausibility {
             });
         };
         let periods = course.age;
-        let is_new_place = if self.is_plausible(&course, &pose, elapsed) {
-            course.go_on_to(pose);
-            false
-        } else {
-            course = self.new_place(pose, elapsed, is_free)?;
-            true
-        };
-        self.course = Some(course);
+        let mut courses = [Some(course), self.before_doubt].into_iter().flatten();
+        let from = courses.find(|course| self.is_plausible(course, &pose, elapsed));
+        let is_new_place = from.is_none();
+        self.course = Some(match from {
+            Some(from) => from.led_to(pose),
+            None => self.new_place(pose, elapsed, is_free)?,
+        });
+        self.before_doubt = from.filter(|from| self.is_in_doubt(from, &pose, elapsed));
         self.rejected = None;
         Some(Accepted {
             pose,
@@ -180,37 +197,41 @@ impl Plausibility {
         let before = self
             .rejected
             .filter(|(course, _)| self.is_plausible(course, &pose, elapsed));
-        let (course, count) = before.map_or((Course::at(pose), 1), |(mut course, count)| {
-            course.go_on_to(pose);
-            (course, count.saturating_add(1))
+        let (course, count) = before.map_or((Course::at(pose), 1), |(course, count)| {
+            (course.led_to(pose), count.saturating_add(1))
         });
         self.rejected = Some((course, count));
         (count >= self.new_place_samples && is_free).then_some(course)
     }
 
-    fn is_plausible(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
-        let MotionLimits {
-            speed_m_per_s,
-            acceleration_m_per_s2,
-            angular_speed_rad_per_s,
-        } = self.limits;
+    /// Periods since the last sample of the course by which its limits widen.
+    fn widened(&self, course: &Course, elapsed: u64) -> f64 {
         let widened = course.skipped.saturating_add(elapsed.max(self.max_widened));
-        let periods = course.age.min(widened) as f64;
-        let seconds = periods * self.period_s;
-        let moved = pose.position - course.pose.position;
-        // Two samples show a speed, and no acceleration.
-        let (strays, before) = course
-            .motion
-            .map_or((DVec3::ZERO, 1.0), |(motion, before)| {
-                (moved - motion * periods, before)
-            });
-        let turned = turn_between(course.pose.orientation, pose.orientation);
+        course.age.min(widened) as f64
+    }
+
+    /// How far a motion may stray from its course, metres: see the module.
+    fn may_stray(&self, periods: f64, before: f64) -> f64 {
         let bend = 0.5 * periods * (periods + before) * self.period_s * self.period_s;
-        let noise = 2.0 * self.encoder_m * (periods + 1.0);
+        self.limits.acceleration_m_per_s2 * bend + 2.0 * self.encoder_m * (periods + 1.0)
+    }
+
+    fn is_plausible(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
+        let periods = self.widened(course, elapsed);
+        let seconds = periods * self.period_s;
+        let moved = pose.position.distance(course.pose.position);
+        let (strays, before) = course.strays(pose, periods);
+        let turned = turn_between(course.pose.orientation, pose.orientation);
         is(Mutant::Spike)
-            || moved.length() <= speed_m_per_s * seconds + self.encoder_m
-                && strays.length() <= acceleration_m_per_s2 * bend + noise
-                && turned <= angular_speed_rad_per_s * seconds + self.turned_at_rest
+            || moved <= self.limits.speed_m_per_s * seconds + self.encoder_m
+                && strays <= self.may_stray(periods, before)
+                && turned <= self.limits.angular_speed_rad_per_s * seconds + self.turned_at_rest
+    }
+
+    /// Whether it is plausible only since the limits are wide.
+    fn is_in_doubt(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
+        let (strays, _) = course.strays(pose, self.widened(course, elapsed));
+        strays > self.may_stray(1.0, 1.0)
     }
 }
 
@@ -298,6 +319,36 @@ mod tests {
             let x = if k % 4 == 0 { -3.0 } else { 5.0 };
             let given = if k % 2 == 0 { at(x) } else { None };
             assert_eq!(judge.judge(given, 2, true), None, "tick {k}");
+        }
+    }
+
+    /// A device at rest, of whose samples some are absent and some are wild: these may pass where a
+    /// hand could have gone there meanwhile. The true place is always believed.
+    #[test]
+    fn no_wild_sample_among_absent_ones_excludes_the_true_place() {
+        for rate_hz in [250.0, 500.0, 1000.0, 2000.0, 4000.0, 10_000.0] {
+            for jump in [1e-3, 3e-3, 0.01, 0.02, 0.045, 0.07, 0.1, 0.3] {
+                let mut judge = Plausibility::new(MotionLimits::HAND, 1e-5, 1.0 / rate_hz);
+                let mut was_wild = true;
+                for tick in 0..20_000u32 {
+                    // Of the kinds a third is absent, and every fifth wild, but never two of these
+                    // after one another.
+                    let kind = tick.wrapping_mul(2_654_435_761).rotate_left(9) % 15;
+                    let is_wild = kind < 3 && !was_wild;
+                    let given = if kind < 8 && !is_wild {
+                        None
+                    } else {
+                        at(if is_wild { jump } else { 0.0 })
+                    };
+                    was_wild = if given.is_some() { is_wild } else { was_wild };
+                    let accepted = judge.judge(given, 1, false);
+                    let is_true = given.is_some() && !is_wild;
+                    assert!(
+                        !is_true || accepted.is_some_and(|of| !of.is_new_place),
+                        "{rate_hz} Hz, {jump} m, tick {tick}"
+                    );
+                }
+            }
         }
     }
 
