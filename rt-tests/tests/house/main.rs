@@ -182,11 +182,12 @@ fn pure_crates_deny_clocks_files_and_threads_at_their_root() {
     assert_none("modules deny or allow it again", &again);
 }
 
-/// What the tick, its device and the station compute is the same on every machine.
+/// What the tick, its device, the station and the builder compute is the same on every machine.
 #[test]
 fn the_cores_take_nothing_from_the_c_library() {
     let crates = crates();
-    let is_core = |name: &str| PURE.contains(&name) || name == "simulated-device";
+    let others = ["simulated-device", "spm-builder"];
+    let is_core = |name: &str| PURE.contains(&name) || others.contains(&name);
     let folders: Vec<_> = crates
         .iter()
         .filter(|one| is_core(&one.name))

@@ -9,11 +9,12 @@
 //! | wedge | two planes that meet in a right angle along y, open |
 //! | relief | a closed, rounded body with fine bumps; the model of the bundled scene |
 //!
-//! Terrain and relief depend on the seed; everything is the same bits on every machine of one kind.
+//! Terrain and relief depend on the seed; everything is the same bits on every machine.
 
 mod noise;
 
 use crate::mesh::SoupMesh;
+use geometry::portable::sin_cos;
 use glam::DVec3;
 use noise::Noise;
 use std::collections::BTreeMap;
@@ -110,14 +111,11 @@ fn sphere(faces: u32) -> SoupMesh {
     let mut mesh = SoupMesh::default();
     mesh.positions.push([0.0, 0.0, 1.0]);
     for ring in 1..=rings {
-        let polar = PI * f64::from(ring) / f64::from(rings + 1);
+        let (radius, height) = sin_cos(PI * f64::from(ring) / f64::from(rings + 1));
         for k in 0..meridians {
-            let turn = TAU * f64::from(k) / f64::from(meridians);
-            mesh.positions.push([
-                polar.sin() * turn.cos(),
-                polar.sin() * turn.sin(),
-                polar.cos(),
-            ]);
+            let (sine, cosine) = sin_cos(TAU * f64::from(k) / f64::from(meridians));
+            mesh.positions
+                .push([radius * cosine, radius * sine, height]);
         }
     }
     mesh.positions.push([0.0, 0.0, -1.0]);
@@ -147,12 +145,12 @@ fn torus(faces: u32) -> SoupMesh {
     let through = whole(f64::from(faces) / f64::from(2 * round), 4);
     let mut mesh = SoupMesh::default();
     for k in 0..round {
-        let u = TAU * f64::from(k) / f64::from(round);
+        let (sine, cosine) = sin_cos(TAU * f64::from(k) / f64::from(round));
         for l in 0..through {
-            let v = TAU * f64::from(l) / f64::from(through);
-            let from_axis = major + minor * v.cos();
+            let (up, out) = sin_cos(TAU * f64::from(l) / f64::from(through));
+            let from_axis = major + minor * out;
             mesh.positions
-                .push([from_axis * u.cos(), from_axis * u.sin(), minor * v.sin()]);
+                .push([from_axis * cosine, from_axis * sine, minor * up]);
         }
     }
     let at = |k: u32, l: u32| (k % round) * through + l % through;
@@ -242,7 +240,8 @@ fn relief_point(noise: &Noise, lattice: [u32; 3], cells: u32) -> DVec3 {
     // The tangent spreads the points evenly over the sphere.
     let on_cube = lattice.map(|k| {
         let x = 2.0 * f64::from(k) / f64::from(cells) - 1.0;
-        (x * PI / 4.0).tan()
+        let (sine, cosine) = sin_cos(x * PI / 4.0);
+        sine / cosine
     });
     let direction = DVec3::from_array(on_cube).normalize();
     let body = 0.22 * noise.fractal(direction * 1.3, 3, 0.5);

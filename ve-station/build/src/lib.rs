@@ -15,7 +15,7 @@
 //! | 10 | `write` | files that appear whole or not at all |
 //!
 //! `build` runs the steps; [`generate`] makes meshes to build from. The output is deterministic:
-//! the same bytes in give the same bytes out, for any number of threads.
+//! the same bytes in give the same bytes out, on every machine and for any number of threads.
 
 mod assemble;
 mod build;

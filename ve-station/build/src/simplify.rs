@@ -24,6 +24,7 @@ use crate::tuning::simplify::{
     BOUNDARY_WEIGHT, CHAIN_A_HALVING, FACES_A_TASK, LENGTH_COST, MIN_AREA_SHARE, MIN_TURN_COSINE,
     SHORTEST_LIMIT_OF_CHAINS,
 };
+use geometry::portable::log2;
 use glam::{DVec3, Vec3};
 use quadric::Quadric;
 use rayon::prelude::*;
@@ -34,7 +35,7 @@ use topology::{Collapsible, Topology};
 fn limit_of_chains(vertices: usize, target: u32) -> u8 {
     // A base mesh has rather more than half as many vertices as faces.
     let left = (0.6 * f64::from(target)).max(1.0);
-    let halvings = (vertices as f64 / left).log2();
+    let halvings = log2(vertices as f64 / left);
     (CHAIN_A_HALVING * halvings).max(SHORTEST_LIMIT_OF_CHAINS) as u8
 }
 

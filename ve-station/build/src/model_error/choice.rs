@@ -12,6 +12,7 @@
 use super::close::{LargeFace, PartBounds, Patches};
 use crate::history::{History, QuarterBounds};
 use crate::tuning::quarters::{DEPTH, FACES_A_BOUND, FACES_A_TASK, LARGE, LEFT, MAX_OCTAVES};
+use geometry::portable::log2;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use spm::{ErrorScale, NONE, QuarteredFace};
@@ -158,7 +159,7 @@ impl Bounded<'_> {
             0 => self.bound,
             _ => self.parts.quarters(depth - 1, place / 4)[place % 4].min(self.bound),
         };
-        let octaves = |bound: f64| (without / bound).log2().clamp(0.0, MAX_OCTAVES);
+        let octaves = |bound: f64| log2(without / bound).clamp(0.0, MAX_OCTAVES);
         let quarters = self.parts.quarters(depth, place).map(octaves);
         self.weight * quarters.iter().sum::<f64>() / f64::from(1 << (2 * (depth + 1)))
     }
