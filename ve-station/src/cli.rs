@@ -303,14 +303,16 @@ fn inspect_file(
     picture: Option<(&Path, inspect::Axis)>,
     json: bool,
 ) -> Result<(), Box<dyn Error>> {
+    let failed = |path: &Path, error: std::io::Error| format!("{}: {error}", path.display());
     if let Some((path, _)) = picture {
         check_output(path, file, "png")?;
+        spm_builder::try_output(path).map_err(|error| failed(path, error))?;
     }
     let found = inspect::inspect(file, size)?;
     if let Some((path, up)) = picture {
         let bytes = inspect::model_picture(file, up)?;
         let written = spm_builder::write_atomically(path, |out| out.write_all(&bytes));
-        written.map_err(|error| format!("{}: {error}", path.display()))?;
+        written.map_err(|error| failed(path, error))?;
     }
     if json {
         print(&serde_json::to_string(&found)?)

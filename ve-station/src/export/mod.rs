@@ -16,7 +16,7 @@ use crate::inspect::{InspectError, open};
 use glam::DVec3;
 use spm::ModelHeader;
 use spm::{ActiveMesh, Certified, ErrorScale, FileError, NONE, OperationFaces, SpmFile, VspRecord};
-use spm_builder::write_atomically;
+use spm_builder::{try_output, write_atomically};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
@@ -140,12 +140,14 @@ pub fn export(
     {
         return Err(ExportError::Tolerance(tolerance));
     }
-    let file = open(input)?;
-    let front = Front::new(&file, detail, input)?;
     let failed = |error| ExportError::Io {
         path: output.to_path_buf(),
         error,
     };
+    // First: the work may be long.
+    try_output(output).map_err(failed)?;
+    let file = open(input)?;
+    let front = Front::new(&file, detail, input)?;
     let written = write_atomically(output, |out| {
         let mut out = Counted { out, bytes: 0 };
         write_front(&front, format, &mut out)?;

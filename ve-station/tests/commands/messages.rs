@@ -467,6 +467,19 @@ fn an_output_that_is_the_input_or_of_another_ending_is_refused() {
 }
 
 #[test]
+fn an_output_that_cannot_be_written_is_told_before_the_model_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let cases: [&[&str]; 2] = [
+        &["inspect", "none.spm", "--picture", "nowhere/a.png"],
+        &["export", "none.spm", "-o", "nowhere/a.obj"],
+    ];
+    for arguments in cases {
+        let text = refused(folder.path(), arguments);
+        assert!(text.contains("the folder nowhere takes no file"), "{text}");
+    }
+}
+
+#[test]
 fn a_signal_ends_serve_also_while_it_builds_a_model() {
     for signal in ["-INT", "-TERM", "-HUP"] {
         let folder = tempfile::tempdir().unwrap();

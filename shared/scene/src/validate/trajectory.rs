@@ -12,7 +12,7 @@ use crate::typed::{ProbeTyped, TourTyped, TrajectoryTyped};
 use geometry::Pose;
 use toml::Spanned;
 
-const COLUMNS: &str = "write t,x,y,z or t,x,y,z,qw,qx,qy,qz";
+const COLUMNS: &str = "write t,x,y,z or t,x,y,z,qw,qx,qy,qz, with commas and decimal points";
 
 /// Checks a trajectory; a CSV file is read.
 pub(super) fn trajectory_plan(
@@ -180,7 +180,7 @@ fn columns(line: &str) -> Result<([f64; 8], usize), String> {
             .parse()
             .ok()
             .filter(|number: &f64| number.is_finite())
-            .ok_or_else(|| format!("\"{field}\" is not a finite number"))?;
+            .ok_or_else(|| format!("\"{field}\" is not a finite number; {COLUMNS}"))?;
         count += 1;
     }
     Ok((numbers, count))
@@ -256,6 +256,18 @@ mod tests {
         ] {
             let plan = plan(size, probe, given);
             assert!(plan.is_ok(), "{size} {probe}: {plan:?}");
+        }
+    }
+
+    #[test]
+    fn a_line_of_other_separators_is_told_which_there_are() {
+        for line in ["0;0;0;0", "0 0 0 0", "0,\"0,1\",0,0"] {
+            let refused = points(line, "path.csv").unwrap_err().0;
+            assert!(refused.starts_with("path.csv, line 1:"), "{refused}");
+            assert!(
+                refused.ends_with("with commas and decimal points"),
+                "{refused}"
+            );
         }
     }
 
