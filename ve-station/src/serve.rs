@@ -4,7 +4,7 @@ use crate::clients::{self, ClientStatus};
 use crate::connection::Connection;
 use crate::database::{Database, DatabaseError};
 use crate::tuning::link::STATUS_KEPT;
-use crate::tuning::models::{BUILD_STACK_BYTES, STOP_POLL};
+use crate::tuning::models::{BUILD_STACK_BYTES, STOP_POLL, TOLD_AFTER};
 use crate::viewer::{Viewer, ViewerError};
 use file_transfer::FileServer;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -13,7 +13,7 @@ use scene_files::{NotingFiles, Package};
 use serde::Serialize;
 use spm_builder::{Progress, TerminalProgress};
 use station_core::station::{Counters, Station};
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
@@ -218,7 +218,16 @@ fn open_models(plan: &ScenePlan, stop: &AtomicBool) -> Result<Database, ServeErr
     let thread = thread::Builder::new().name("models".to_owned());
     let thread = thread.stack_size(BUILD_STACK_BYTES);
     thread.spawn(open).map_err(ServeError::Thread)?;
+    let began = Instant::now();
+    // A terminal shows a bar.
+    let mut is_told = std::io::stderr().is_terminal();
     loop {
+        if !is_told && began.elapsed() >= TOLD_AFTER {
+            is_told = true;
+            note(
+                "the models are not ready yet: a mesh is built when it is first used, here or by another program, which takes minutes for millions of faces",
+            );
+        }
         match wait.recv_timeout(STOP_POLL) {
             Ok(database) => return Ok(database?),
             Err(RecvTimeoutError::Disconnected) => return Err(ServeError::Panicked),

@@ -62,6 +62,8 @@ pub mod models {
 
     /// Time between two looks for a request to stop while models are built.
     pub const STOP_POLL: Duration = Duration::from_millis(20);
+    /// Time after which it is said that models are built, where no bar shows it.
+    pub const TOLD_AFTER: Duration = Duration::from_secs(5);
     /// Stack of the thread that builds models, bytes: what a main thread usually has.
     pub const BUILD_STACK_BYTES: usize = 8 << 20;
     /// The largest file that is read into memory: 1 GiB, a model of twelve million faces.
