@@ -1,6 +1,8 @@
 //! What the units of counted work cost on a machine.
 
-use crate::tuning::governor::{LARGE_FACES, OPERATION_FACES};
+use crate::tuning::governor::{LARGE_FACES, MIN_SEARCH_UNITS, OPERATION_FACES};
+use crate::tuning::lod::{CHANGES_PER_UNIT, MIN_UPKEEP};
+use crate::tuning::streaming::MIN_UNITS;
 use serde::{Deserialize, Serialize};
 
 /// Costs of the units of counted work on a machine, nanoseconds.
@@ -118,7 +120,25 @@ impl WorkCosts {
         f64::from(OPERATION_FACES + LARGE_FACES) * self.face
     }
 
-    /// The same on a machine where the stages of each group take so many times as long.
+    /// The least received data that a tick takes in, and a question to the station, nanoseconds.
+    #[must_use]
+    pub fn least_inbox(&self) -> f64 {
+        f64::from(MIN_UNITS) * self.received + self.request
+    }
+
+    /// The least upkeep of a tick, nanoseconds.
+    #[must_use]
+    pub fn least_upkeep(&self) -> f64 {
+        f64::from(MIN_UPKEEP / CHANGES_PER_UNIT) * self.entry
+    }
+
+    /// The least search of a pair for its nearest face, nanoseconds.
+    #[must_use]
+    pub fn least_search(&self) -> f64 {
+        f64::from(MIN_SEARCH_UNITS) * self.search
+    }
+
+    /// The costs on a machine where the stages of each group take so many times as long.
     #[must_use]
     pub fn scaled(self, by_group: [f64; CostGroup::ALL.len()]) -> Self {
         let [tick, inbox, refine, query] = by_group;

@@ -15,8 +15,10 @@
 //! ahead, refinement away from the contact, the tolerance at the contact ([`crate::policy`]: fewer
 //! operations a tick raise the finest ring), and steps of the proxies, which come along over
 //! several ticks. What every tick does is allowed on any machine: the samples, the forces and their
-//! limits; refinement leaves some queries to each pair. A unit that is larger than all of its
-//! share, such as the split of a vertex with a very large fan, is not begun.
+//! limits; and beside it a question, a little received data, some upkeep and a search for each
+//! pair. A machine that has no time for as much is refused before the first tick ([`TickNeed`]).
+//! Refinement leaves some queries to each pair. A unit that is larger than all of its share, such
+//! as the split of a vertex with a very large fan, is not begun.
 //!
 //! Single ticks take longer than their work should, by an interrupt or a cold cache. So the core
 //! asks its shell, between splits, steps of geomorphs and pieces of a query, whether the time of
@@ -63,13 +65,12 @@ use crate::horizons::Horizons;
 use crate::lod::memory_pressure::Steps;
 pub use crate::tuning::governor::MIN_BALL_UNITS;
 use crate::tuning::governor::{
-    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, DRIVERS_FADE_S, LATE, LATE_CUT, MAX_CUT,
-    MIN_SEARCH_UNITS, MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES,
-    OPERATIONS_RETURN_S, RECEIVED_SHARE, SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S,
-    SLOWNESS_RANGE, TIME_SHARE, TYPICAL_FACES, UNITS_PER_OPERATION, UPKEEP_SHARE, USUAL_BALL_UNITS,
-    USUAL_TOOL_UNITS,
+    CONTACT_FADES_S, CONTACT_SHARE, CUT_FADES, CUT_S, DRIVERS_FADE_S, LATE, LATE_CUT, MIN_CUT,
+    MIN_TIME_SHARE, MIN_TOOL_UNITS, MORE_TIME, OPERATION_FACES, OPERATIONS_RETURN_S,
+    RECEIVED_SHARE, SHARE_RETURN_S, SHORT_SHARE, SLOWNESS_FADES_S, SLOWNESS_RANGE, TIME_SHARE,
+    TYPICAL_FACES, UNITS_PER_OPERATION, UPKEEP_SHARE, USUAL_BALL_UNITS, USUAL_TOOL_UNITS,
 };
-use crate::tuning::streaming::MIN_UNITS;
+use crate::tuning::lod::{CHANGES_PER_UNIT, MIN_UPKEEP};
 use geometry::portable::exp;
 use serde::{Deserialize, Serialize};
 
@@ -145,6 +146,13 @@ impl TickTime {
     #[must_use]
     pub fn entries(&self, share: f64) -> u32 {
         (share * self.for_refinement() / self.costs.entry) as u32
+    }
+
+    /// Entries for upkeep that the share for it suffices for, and no fewer than on any machine.
+    #[must_use]
+    pub fn upkeep(&self) -> u32 {
+        let entries = CHANGES_PER_UNIT.saturating_mul(self.entries(UPKEEP_SHARE));
+        entries.max(MIN_UPKEEP)
     }
 
     /// Units of received data that the share for it suffices for, beside a question to the
@@ -228,8 +236,9 @@ impl From<[usize; 2]> for TickLoad {
 pub struct TickNeed {
     /// What a tick may spend, nanoseconds.
     pub share_ns: f64,
-    /// What it always does, nanoseconds.
-    pub fixed_ns: f64,
+    /// What it takes on any machine, nanoseconds: what every tick does, the least received data
+    /// with a question to the station, the least upkeep, and a search for each probe.
+    pub least_ns: f64,
     /// The same with each probe in a usual contact, nanoseconds.
     pub contact_ns: f64,
     /// Splits and collapses a tick that there is time for beside that, at least 1.
@@ -250,8 +259,8 @@ impl TickNeed {
         let mut governor = Governor::new(period_s, max_operations);
         governor.set_costs(costs);
         governor.begin_tick(load);
-        let fixed_ns = governor.time.spent.total();
         let [balls, tools] = load.pairs;
+        let least_ns = governor.time.spent.total() + governor.least_ns((balls + tools) as f64);
         let units = [
             balls as f64 * USUAL_BALL_UNITS * governor.costs.ball,
             tools as f64 * USUAL_TOOL_UNITS * governor.costs.tool,
@@ -260,8 +269,8 @@ impl TickNeed {
         governor.begin_tick(load);
         Self {
             share_ns: governor.share_ns(),
-            fixed_ns,
-            contact_ns: fixed_ns + governor.contact_ns,
+            least_ns,
+            contact_ns: least_ns + governor.contact_ns,
             operations: governor.operations(),
         }
     }
@@ -456,6 +465,13 @@ impl Governor {
         self.time = self.time_with(load);
     }
 
+    /// What a tick with so many pairs is allowed beside what every tick does, on any machine,
+    /// nanoseconds.
+    fn least_ns(&self, pairs: f64) -> f64 {
+        let costs = &self.costs;
+        costs.least_inbox() + costs.least_upkeep() + pairs * costs.least_search()
+    }
+
     fn time_with(&self, load: &TickLoad) -> TickTime {
         let costs = self.costs;
         let mut time = TickTime {
@@ -473,14 +489,13 @@ impl Governor {
         time.spent.charge(CostGroup::Inbox, predictions);
         time.spent.charge(CostGroup::Query, pairs * costs.contact);
         let queries = balls * MIN_BALL_UNITS * costs.ball + tools * MIN_TOOL_UNITS * costs.tool;
-        let inbox = f64::from(MIN_UNITS) * costs.received + costs.request;
-        let (fixed, least) = (time.spent.total(), queries + inbox);
-        // What every tick does is allowed on any machine.
+        let kept = queries + costs.least_inbox();
+        let fixed = time.spent.total();
         let share = (self.share_ns() - self.device_ns()) / self.slowness;
-        let search = pairs * f64::from(MIN_SEARCH_UNITS) * costs.search;
-        time.allowed = share.max(fixed + inbox + search);
+        let search = pairs * costs.least_search();
+        time.allowed = share.max(fixed + self.least_ns(pairs));
         let rest = time.allowed - fixed;
-        let contacts = self.contact_ns.min(CONTACT_SHARE * rest).max(least);
+        let contacts = self.contact_ns.min(CONTACT_SHARE * rest).max(kept);
         let step = balls * costs.ball + tools * costs.tool;
         let but_a_collapse = rest - costs.large_operation() / (1.0 - UPKEEP_SHARE);
         time.contacts = contacts.min(but_a_collapse.max(search + step)).min(rest);
@@ -497,14 +512,15 @@ impl Governor {
     /// `can_ask_for_less`: another step would change what is asked for.
     pub fn end_queries(&mut self, tick: u64, is_cut: bool, can_ask_for_less: bool) {
         let allowed = self.time.allowed;
+        let most = (CUT_S / self.period_s).max(MIN_CUT);
         if is_cut {
-            self.cut = (self.cut + 1.0).min(MAX_CUT);
+            self.cut = (self.cut + 1.0).min(most);
             self.cut_ns = self.cut_ns.max(allowed);
         } else {
             self.cut = (self.cut - CUT_FADES).max(0.0);
         }
         // The want counts also where no step is left.
-        if is_cut && self.cut >= MAX_CUT && self.steps.want(tick) && can_ask_for_less {
+        if is_cut && self.cut >= most && self.steps.want(tick) && can_ask_for_less {
             self.cut = 0.0;
             self.steps.step(tick);
         }

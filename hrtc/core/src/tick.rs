@@ -290,8 +290,7 @@ impl Controller {
         let time = &self.governor.time;
         budget.set_faces(time.faces(share));
         budget.entries = budget.entries.min(time.entries(ENTRIES_SHARE));
-        let upkeep = CHANGES_PER_UNIT.saturating_mul(time.entries(UPKEEP_SHARE));
-        budget.upkeep = budget.upkeep.min(upkeep);
+        budget.upkeep = budget.upkeep.min(time.upkeep());
     }
 
     /// Charges what was split, collapsed and gone through in the tick so far; `upkeep`: entries of

@@ -60,10 +60,11 @@ pub mod governor {
     pub const CONTACT_SHARE: f64 = 0.8;
     /// Time in which what is kept for contacts falls to a third: a stroke over a rough place.
     pub const CONTACT_FADES_S: f64 = 0.1;
-    /// Ticks in which a contact has less time than it needs after which less is asked for, where
-    /// each other tick takes a tenth off: a rough place is passed over, a surface that is too fine
-    /// is not.
-    pub const MAX_CUT: f64 = 3.0;
+    /// Time of ticks in which a contact is cut short after which less is asked for, where each
+    /// other tick takes a tenth of one off: a rough place is passed over, a surface that is too
+    /// fine is not. And how many ticks that are at the least: one alone may have been interrupted.
+    pub const CUT_S: f64 = 0.003;
+    pub const MIN_CUT: f64 = 2.0;
     pub const CUT_FADES: f64 = 0.1;
     /// The time of a tick over the most that one had in which a contact was cut, above which the
     /// machine is faster again. As wide as the dead zone of the operations.
@@ -232,6 +233,9 @@ pub mod lod {
     pub const MAX_UPKEEP: u32 = 4096;
     /// Of these at the most for places that have changed hands, so that rooms in use get theirs.
     pub const MAX_FORGOTTEN: u32 = MAX_UPKEEP / 2;
+    /// Such entries that a tick may go through on any machine: an eviction, and as much for places
+    /// that have changed hands. With none an epoch that has ended would never be settled.
+    pub const MIN_UPKEEP: u32 = 2 * ENTRIES_PER_EVICTION;
     /// Closure entries gone through a tick, for each operation allowed.
     pub const ENTRIES_PER_OPERATION: u32 = 24;
     /// Entries for upkeep that cost as much as the eviction of a record: its references and those

@@ -1,6 +1,7 @@
 //! The law of the governor, on machines whose costs are right, wrong and changing.
 
 use super::*;
+use crate::tuning::streaming::MIN_UNITS;
 
 /// Ticks that spend all they may on a machine whose costs are wrong by a factor.
 fn run(governor: &mut Governor, factor: f64, ticks: usize) -> Vec<f64> {
@@ -40,11 +41,16 @@ fn what_probes_need_grows_with_them_and_leaves_less_time_for_splits() {
     };
     let ball = need(1.0, 1e-3, [1, 0]);
     assert_eq!(ball.operations, 96.0);
-    assert!(ball.fixed_ns < ball.contact_ns && ball.contact_ns < 0.1 * ball.share_ns);
+    assert!(ball.least_ns < ball.contact_ns && ball.contact_ns < 0.1 * ball.share_ns);
     let tool = need(4.0, 1e-3, [0, 1]);
     assert!(tool.contact_ns > 4.0 * ball.contact_ns && tool.operations < 96.0);
     let fast = need(4.0, 2.5e-4, [0, 1]);
     assert!(fast.contact_ns > fast.share_ns && fast.operations < tool.operations);
+    // What every tick does would fit, but not what a tick is allowed on any machine beside it.
+    let late = need(19.0, 2.5e-4, [1, 0]);
+    let costs = WorkCosts::REFERENCE.scaled([19.0; 4]);
+    let every_tick = costs.tick + costs.prediction + costs.contact;
+    assert!(every_tick < late.share_ns && late.least_ns > 2.5e5);
     // One collapse has time in any tick, as much as one or two usual splits take.
     let least = need(16.0, 2.5e-4, [4, 0]).operations;
     assert!((1.0..2.0).contains(&least), "{least}");
@@ -84,8 +90,48 @@ fn what_a_tick_does_in_any_case_is_charged_and_allowed() {
         // It takes the time of everything else.
         let needs = |load: TickLoad| TickNeed::new(costs, 1e-3, 96, load);
         let (few, many) = (needs(TickLoad::from([3, 1])), needs(load));
-        assert!(many.fixed_ns > few.fixed_ns && many.operations <= few.operations);
+        assert!(many.least_ns > few.least_ns && many.operations <= few.operations);
         assert!(slow != 8.0 || many.operations < few.operations);
+    }
+}
+
+/// Sixteen tools on a machine that is eight times slower.
+#[test]
+fn where_no_time_is_left_some_upkeep_goes_on_and_is_allowed() {
+    let mut governor = Governor::new(1e-3, 96);
+    let costs = WorkCosts::REFERENCE.scaled([8.0; 4]);
+    governor.set_costs(costs);
+    governor.share = MIN_TIME_SHARE;
+    let load = TickLoad::from([0, 16]);
+    governor.begin_tick(load);
+    let need = governor.spent().total() + governor.least_ns(16.0);
+    assert_eq!(governor.time.allowed(), need);
+    governor.time.charge_inbox(MIN_UNITS, 1);
+    assert_eq!(governor.time.for_refinement(), 0.0);
+    let upkeep = governor.time.upkeep();
+    assert_eq!(upkeep, MIN_UPKEEP);
+    governor.time.set_refinement(0, upkeep / CHANGES_PER_UNIT);
+    let left = f64::from(governor.time.for_queries());
+    assert!(left + 1.0 >= 16.0 * costs.least_search(), "{left}");
+}
+
+/// A place that is too fine for some milliseconds, and one tick that was interrupted.
+#[test]
+fn less_is_asked_for_after_the_same_time_at_every_rate() {
+    for (rate_hz, ticks) in [
+        (250.0, 2),
+        (500.0, 2),
+        (1000.0, 3),
+        (2000.0, 6),
+        (4000.0, 12),
+    ] {
+        let mut governor = Governor::new(1.0 / rate_hz, 96);
+        for tick in 1..=ticks {
+            assert_eq!(governor.steps(), 0, "{rate_hz} Hz: {tick}");
+            governor.begin_tick([1, 0]);
+            governor.end_queries(tick, true, true);
+        }
+        assert_eq!(governor.steps(), 1, "{rate_hz} Hz");
     }
 }
 
