@@ -232,7 +232,9 @@ impl Controller {
         budget: &mut Budget,
         outbox: &mut Outbox,
     ) -> u32 {
-        let is_another = self.active.begin_tick(inputs.station, self.own_tick);
+        let is_another = self
+            .active
+            .begin_tick(inputs.station, self.own_tick, inputs.chunks);
         self.active.move_objects(&mut self.movables, inputs.tick);
         for (k, probe) in self.probes.iter_mut().enumerate() {
             probe.retry_tour(self.own_tick, is_another);

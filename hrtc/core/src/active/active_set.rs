@@ -149,10 +149,19 @@ impl ActiveSet {
         }
     }
 
-    /// A tick begins; `station` is the incarnation of the living one. Returns whether that is
-    /// another one, which may serve what the last one could not.
-    pub fn begin_tick(&mut self, station: u64, tick: u64) -> bool {
+    /// A tick begins; `station` is the incarnation of the living one, `chunks` are those that wait.
+    /// Returns whether the station is another one, which may serve what the last one could not.
+    pub fn begin_tick(&mut self, station: u64, tick: u64, chunks: [&[InboxChunk]; 2]) -> bool {
+        // What is loaded from the store comes before any chunk.
+        let is_behind = self.objects.iter().any(|of| of.session.is_loading());
+        let [first, second] = chunks;
+        let taken = self.taken;
         for object in &mut self.objects {
+            let waiting = (0..MAX_CHUNKS).zip(first.iter().chain(second));
+            let waiting = waiting.filter(|&(k, _)| taken >> k & 1 == 0);
+            let waiting = waiting.map(|(_, chunk)| &chunk.header);
+            let now = (tick, &self.meter);
+            object.session.hear_waiting(waiting, is_behind, now);
             object.begin_tick(station, tick, &self.meter);
         }
         let is_another = station != 0 && station != self.station;

@@ -26,7 +26,9 @@ use crate::probe::Probe;
 use crate::probe::contacts::Contacts;
 use crate::record::max_or_nan;
 use crate::tuning::streaming::MIN_UNITS;
-use protocol::{AnswersReader, ChunkKind, MODEL_HEADER_SLOTS, MeasuredError, Refusal, TourPoint};
+use protocol::{
+    AnswersReader, ChunkHeader, ChunkKind, MODEL_HEADER_SLOTS, MeasuredError, Refusal, TourPoint,
+};
 use spm::{ModelHeader, NONE};
 
 /// Parts of the tick that received data may change.
@@ -188,6 +190,18 @@ impl Session {
         if !self.is_ended() {
             self.subscriber
                 .observe(station, tick, meter, &mut front.cache);
+        }
+    }
+
+    /// Chunks wait here: see [`Subscriber::hear_waiting`].
+    pub fn hear_waiting<'a>(
+        &mut self,
+        waiting: impl Iterator<Item = &'a ChunkHeader>,
+        is_behind: bool,
+        now: (u64, &LinkMeter),
+    ) {
+        if !self.is_ended() {
+            self.subscriber.hear_waiting(waiting, is_behind, now);
         }
     }
 

@@ -180,18 +180,38 @@ impl Subscriber {
         station != 0 && station != self.station
     }
 
+    /// Whether an answer should have come by now.
+    fn is_overdue(&self, tick: u64, meter: &LinkMeter) -> bool {
+        let waiting = !self.questions.all().is_empty()
+            || (self.model_asked.is_some() && self.model == 0)
+            || (self.tour_asked && self.tour.is_some())
+            || self.quarters_asked;
+        waiting && self.now(tick).saturating_sub(self.last_progress) > meter.timeout(self.silences)
+    }
+
+    /// The station is not silent where an overdue answer waits here behind what other objects get.
+    /// `waiting`: chunks that wait, oldest first; `is_behind`: something else comes before them.
+    pub fn hear_waiting<'a>(
+        &mut self,
+        mut waiting: impl Iterator<Item = &'a ChunkHeader>,
+        mut is_behind: bool,
+        (tick, meter): (u64, &LinkMeter),
+    ) {
+        let is_its = |of: &ChunkHeader| {
+            is_behind |= of.object != self.subject.object;
+            self.is_earlier(of) || self.receive(of) != Reception::Stale
+        };
+        if self.is_overdue(tick, meter) && waiting.any(is_its) && is_behind {
+            self.has_taken(tick);
+        }
+    }
+
     /// Takes what the heartbeat says; a new incarnation ends the epoch, and so does a silence in
     /// which an answer should have come.
     pub fn observe(&mut self, station: u64, tick: u64, meter: &LinkMeter, cache: &mut Cache) {
         let is_back = station != 0 && !self.is_heard;
         self.is_heard = station != 0;
-        let waiting = !self.questions.all().is_empty()
-            || (self.model_asked.is_some() && self.model == 0)
-            || (self.tour_asked && self.tour.is_some())
-            || self.quarters_asked;
-        let silent = waiting
-            && !is(Mutant::Timeout)
-            && self.now(tick).saturating_sub(self.last_progress) > meter.timeout(self.silences);
+        let silent = self.is_overdue(tick, meter) && !is(Mutant::Timeout);
         let another = self.is_another(station);
         if another {
             self.station = station;
@@ -276,10 +296,14 @@ impl Subscriber {
     /// credit admitted. Errors that it measured say nothing: it goes on to send them where it has
     /// not heard of this epoch.
     pub fn hear_stale(&mut self, header: &ChunkHeader, tick: u64) {
-        let is_answer = header.kind != ChunkKind::Measured as u32;
-        if is_answer && header.station == self.station && header.epoch < self.epoch {
-            self.last_progress = self.last_progress.max(self.now(tick));
+        if self.is_earlier(header) {
+            self.has_taken(tick);
         }
+    }
+
+    fn is_earlier(&self, header: &ChunkHeader) -> bool {
+        let is_own = header.station == self.station && header.object == self.subject.object;
+        is_own && header.epoch < self.epoch && header.kind != ChunkKind::Measured as u32
     }
 
     /// A chunk of the model that begins with a slot has come: the periods since the model was asked

@@ -112,3 +112,40 @@ fn a_model_tells_the_round_trip_once() {
     let told = told.map(|(slot, now)| subscriber.model_begins(slot, now));
     assert_eq!(told, [None, Some(4), None, None]);
 }
+
+/// On a slow machine the chunks of one object may take longer than an answer may.
+#[test]
+fn what_waits_here_behind_other_objects_is_not_asked_for_again() {
+    let horizons = Horizons::new(1000.0);
+    let meter = LinkMeter::new(&horizons);
+    let asks_again = |waiting: &[u32], is_behind: bool| {
+        let mut subscriber = Subscriber::new(IDENTITY, &horizons);
+        let (mut cache, mut outbox) = (Cache::new(1 << 20), Outbox::new(1));
+        let subject = Subject { object: 3, name: 5 };
+        subscriber.begin_session(subject, 0, 10);
+        subscriber.observe(1, 10, &meter, &mut cache);
+        outbox.begin_session(0);
+        subscriber.requests(10, &mut cache, std::iter::empty(), &meter, &mut outbox);
+        let epoch = subscriber.epoch;
+        let headers = waiting.iter().map(|&object| ChunkHeader {
+            station: 1,
+            client: IDENTITY.client,
+            epoch,
+            object,
+            ..ChunkHeader::zeroed()
+        });
+        let headers: Vec<_> = headers.collect();
+        for tick in 11..11 + 3 * horizons.answer_timeout {
+            subscriber.hear_waiting(headers.iter(), is_behind, (tick, &meter));
+            subscriber.observe(1, tick, &meter, &mut cache);
+        }
+        subscriber.epoch != epoch
+    };
+    assert!(!asks_again(&[4, 4, 3], false));
+    assert!(!asks_again(&[3], true), "a base mesh is loaded first");
+    assert!(asks_again(&[4, 4], false), "nothing of it has come");
+    assert!(
+        asks_again(&[3, 4], false),
+        "it is the first, and does not go on"
+    );
+}
