@@ -57,7 +57,7 @@ impl Session {
                 budget.ingest -= cost;
                 has_taken = true;
                 self.progress.done += 1;
-                self.begin_answer(&head, &mut of.front.cache, context.meter, tick);
+                self.begin_answer(&head, of.front, context.meter, tick);
                 continue;
             }
             let Some(region) = receiving(&of.front.cache, reader.head()) else {
@@ -88,7 +88,7 @@ impl Session {
                     budget.end_ingest();
                     return Taken::Part;
                 }
-                (Err(LoadError::Gap), _) => self.ask_again(region, &mut of.front.cache, tick),
+                (Err(LoadError::Gap), _) => self.ask_again(region, of.front, tick),
                 (Err(LoadError::Damaged), _) => {
                     self.refuse(region, of.front, (AfterUnload::Reject, tick));
                 }
@@ -151,27 +151,33 @@ impl Session {
     fn begin_answer(
         &mut self,
         head: &PartHead,
-        cache: &mut Cache,
+        front: &mut Front,
         meter: &mut LinkMeter,
         tick: u64,
     ) {
-        let region = cache.requested((head.region, head.tolerance_bits));
+        let region = front.cache.requested((head.region, head.tolerance_bits));
         let (true, Some(region)) = (head.is_first(), region) else {
             return;
         };
-        let key = cache.regions.at(region).key;
+        let key = front.cache.regions.at(region).key;
         if let Some(periods) = self.subscriber.answer_begins(key, meter.clock(tick)) {
             meter.answered(periods, tick);
         }
-        if cache.begin_answer(region).is_err() {
-            self.ask_again(region, cache, tick);
+        if front.cache.begin_answer(region).is_err() {
+            self.ask_again(region, front, tick);
         }
     }
 
     /// The answer to a requested region builds on evicted records, or has a gap: it is to be
-    /// requested with every record.
-    fn ask_again(&mut self, region: usize, cache: &mut Cache, tick: u64) {
-        self.subscriber.answer_is_lost(cache.regions.at(region).key);
+    /// requested with every record. If it was already, what the station has is inconsistent: asked
+    /// for at once it would come again as it is.
+    fn ask_again(&mut self, region: usize, front: &mut Front, tick: u64) {
+        let key = front.cache.regions.at(region).key;
+        if self.subscriber.questions().is_lost(key) {
+            return self.refuse(region, front, (AfterUnload::Reject, tick));
+        }
+        self.subscriber.answer_is_lost(key);
+        let cache = &mut front.cache;
         cache.begin_unload(region, AfterUnload::RequestAgain, tick);
     }
 }
@@ -194,4 +200,71 @@ fn take_ids(
         *reader = ahead;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cache::{RegionKey, RegionState};
+    use crate::horizons::Horizons;
+    use crate::lod::predictions::Unknown;
+    use crate::streaming::Outbox;
+    use crate::streaming::subscriber::Identity;
+    use protocol::RegionAction;
+    use scene::{NoFiles, Overrides, parse};
+
+    /// One whose records do not fit each other: asked for without end it would take the whole link.
+    #[test]
+    fn a_whole_answer_that_is_of_no_use_is_not_asked_for_at_once() {
+        let text = "[[object]]\nmodel = \"ball.spm\"\nsize_m = 0.1\n[[probe]]\n";
+        let plan = parse(text, "test", "".as_ref(), &Overrides::default(), &NoFiles)
+            .expect("the scene is good");
+        let horizons = Horizons::new(1000.0);
+        let identity = Identity {
+            client: 7,
+            incarnation: 8,
+        };
+        let mut front = Front::new(&plan, 4 << 20);
+        let mut session = Session::new(identity, &horizons);
+        let meter = LinkMeter::new(&horizons);
+        let mut outbox = Outbox::new(1);
+        let key = RegionKey::prefix(9);
+        let wanted = Unknown {
+            key,
+            due: 0.0,
+            leaves: 1e9,
+            is_needed: true,
+            predicted: 0,
+        };
+        let tick = 10;
+        session
+            .subscriber
+            .observe(1, tick, &meter, &mut front.cache);
+        session.subscriber.model_is(5);
+        let mut asked = Vec::new();
+        for _ in 0..3 {
+            let mut entries = u32::MAX;
+            front.cache.go_on_unloading(&mut entries);
+            outbox.clear();
+            outbox.begin_session(0);
+            let wanted = std::iter::once(wanted);
+            let cache = &mut front.cache;
+            session
+                .subscriber
+                .requests(tick, cache, wanted, &meter, &mut outbox);
+            for of in outbox.requests() {
+                asked.extend(of.regions[..of.count as usize].iter().map(|of| of.action));
+            }
+            if let Some(region) = front.cache.requested((key.id.0, key.tolerance_bits)) {
+                session.ask_again(region, &mut front, tick);
+            }
+        }
+        let due = [RegionAction::Subscribe, RegionAction::Resend];
+        assert_eq!(asked, due.map(|of| of as u32));
+        assert_eq!(front.refused_regions, 1);
+        let region = front.cache.regions.index(key).expect("it is known");
+        let state = front.cache.regions.at(region).state();
+        assert_eq!(state, RegionState::Refused);
+        assert!(session.subscriber.questions().all().is_empty());
+    }
 }

@@ -53,6 +53,13 @@ impl Questions {
         self.questions.iter().filter(|of| of.is_lost).count() >= LOST_AT_ONCE
     }
 
+    /// Whether the first answer to a region was of no use: then it was asked for with every record.
+    #[must_use]
+    pub fn is_lost(&self, region: RegionKey) -> bool {
+        let mut all = self.questions.iter();
+        all.any(|of| of.region == region && of.is_lost)
+    }
+
     /// Forgets all of them.
     pub fn clear(&mut self) {
         self.questions.clear();
