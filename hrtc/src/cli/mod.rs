@@ -214,8 +214,7 @@ pub fn status(error: &RunError) -> u8 {
         | RunError::Recording(..)
         | RunError::Fault(..)
         | RunError::Right(..)
-        | RunError::TooSlow(..)
-        | RunError::Histogram => BAD_INPUT,
+        | RunError::TooSlow(..) => BAD_INPUT,
         RunError::NonFinite(..)
         | RunError::Thread(..)
         | RunError::TickPanicked(..)

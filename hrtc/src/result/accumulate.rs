@@ -70,14 +70,13 @@ pub struct Accumulator {
 }
 
 impl Accumulator {
-    /// Tables for a run with this period, nanoseconds, and so many probes; `None` when they cannot
-    /// be made.
+    /// Tables for a run with this period, nanoseconds, and so many probes.
     #[must_use]
-    pub fn new(period_ns: u64, probes: usize) -> Option<Self> {
+    pub fn new(period_ns: u64, probes: usize) -> Self {
         let timing = || Fixed::new(NANOSECONDS_IN_US, 32);
         let picometres = || Fixed::new(1e12, 50);
         let micronewtons = || Fixed::new(1e6, 40);
-        Some(Self {
+        Self {
             period_ns,
             result: RunResult {
                 probes: vec![ProbeResult::default(); probes],
@@ -101,22 +100,22 @@ impl Accumulator {
                 measured_error_m: -1.0,
                 ..Status::default()
             },
-            wake: timing()?,
-            governor: GovernorStats::new()?,
-            work_cpu: timing()?,
-            work_wall: timing()?,
-            period: timing()?,
-            stages: STAGES.iter().map(|_| timing()).collect::<Option<_>>()?,
-            record: timing()?,
-            faces: Fixed::new(1.0, 32)?,
-            certified: picometres()?,
-            finest: picometres()?,
-            expected: picometres()?,
-            measured: picometres()?,
-            withheld: Fixed::new(1e6, 20)?,
-            awake: Fixed::new(1.0, 5)?,
-            forces: (0..probes).map(|_| micronewtons()).collect::<Option<_>>()?,
-        })
+            wake: timing(),
+            governor: GovernorStats::new(),
+            work_cpu: timing(),
+            work_wall: timing(),
+            period: timing(),
+            stages: STAGES.iter().map(|_| timing()).collect(),
+            record: timing(),
+            faces: Fixed::new(1.0, 32),
+            certified: picometres(),
+            finest: picometres(),
+            expected: picometres(),
+            measured: picometres(),
+            withheld: Fixed::new(1e6, 20),
+            awake: Fixed::new(1.0, 5),
+            forces: (0..probes).map(|_| micronewtons()).collect(),
+        }
     }
 
     /// Counts one tick; ticks come in order.

@@ -61,14 +61,14 @@ pub(super) struct GovernorStats {
 }
 
 impl GovernorStats {
-    pub(super) fn new() -> Option<Self> {
-        Some(Self {
-            operations: Fixed::new(10.0, 17)?,
-            allowed_us: Fixed::new(10.0, 17)?,
-            slowness: Fixed::new(100.0, 14)?,
-            time_share: Fixed::new(1000.0, 10)?,
+    pub(super) fn new() -> Self {
+        Self {
+            operations: Fixed::new(10.0, 17),
+            allowed_us: Fixed::new(10.0, 17),
+            slowness: Fixed::new(100.0, 14),
+            time_share: Fixed::new(1000.0, 10),
             least_time_share: f64::INFINITY,
-            tolerance_um: Fixed::new(10.0, 24)?,
+            tolerance_um: Fixed::new(10.0, 24),
             least_operations: f64::INFINITY,
             least_allowed_us: f64::INFINITY,
             over_budget_ticks: 0,
@@ -76,7 +76,7 @@ impl GovernorStats {
             contact_ticks: 0,
             reversals: 0,
             last: None,
-        })
+        }
     }
 
     pub(super) fn push(&mut self, core: &CoreRecord, time: TimeAnswers) {
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_tolerance_that_goes_up_and_down_is_reversed_once_a_turn() {
-        let mut stats = GovernorStats::new().unwrap();
+        let mut stats = GovernorStats::new();
         for (tick, tolerance_m) in [0.0, 0.0, 1e-4, 1e-4, 0.0, 1e-4, 2e-4]
             .into_iter()
             .enumerate()
@@ -179,7 +179,7 @@ mod tests {
         }
         let result = stats.result(&WorkCosts::REFERENCE, 1_000_000);
         // A touch that begins coarse and is refined goes one way.
-        let mut once = GovernorStats::new().unwrap();
+        let mut once = GovernorStats::new();
         for finest_tolerance_m in [2e-4, 1e-4, 0.0] {
             let core = CoreRecord {
                 contact: true,

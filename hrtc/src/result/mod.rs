@@ -2,8 +2,8 @@
 //! behind the percentiles, and the lines of the supervised mode.
 //!
 //! The main thread pushes every [`crate::tick_record::TickRecord`] into an [`Accumulator`]. Its
-//! tables have a fixed size (histograms of 8 to 172 KB, 2.1 MB together), so a run of any length
-//! needs the same memory.
+//! tables have a bounded size (histograms of 4 KiB for each octave that was met, 2.2 MB together
+//! where each met all of its range), so a run of any length needs no more memory.
 
 use crate::traffic::LinkBytes;
 use hrtc_core::Capacity;

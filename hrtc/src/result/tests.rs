@@ -29,7 +29,7 @@ fn record(tick: u64) -> TickRecord {
 }
 
 fn accumulator() -> Accumulator {
-    Accumulator::new(1_000_000, 2).unwrap()
+    Accumulator::new(1_000_000, 2)
 }
 
 /// Values without order, 1000 of them to a decade.

@@ -229,7 +229,7 @@ pub fn run_until(
     let link = Link::spawn(link_options(args, domain, &setup), endpoints)?;
     shared.refused(recording.as_mut().and_then(RunRecording::take_missing));
     let period_ns = (1e9 / plan.loop_.rate_hz).round() as u64;
-    let run = Accumulator::new(period_ns, plan.probes.len()).ok_or(RunError::Histogram)?;
+    let run = Accumulator::new(period_ns, plan.probes.len());
     // Dropped before the link, which may take its time.
     let tick = tick.begin();
     let monitor = Monitor {

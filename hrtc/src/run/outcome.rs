@@ -68,9 +68,6 @@ pub enum RunError {
         "ended at once by a second Ctrl-C, though the thread of the tick hangs; devices without a safe stop go to zero when their last wrench expires"
     )]
     TickHangs,
-    /// No histogram for this period.
-    #[error("the loop's rate leaves no histogram; use 100 to 10000 ticks a second")]
-    Histogram,
     /// Standard output cannot be written.
     #[error("cannot print the result: {0}")]
     Print(std::io::Error),

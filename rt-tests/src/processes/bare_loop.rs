@@ -132,7 +132,7 @@ fn measure(args: &BareArgs, stop: &AtomicBool) -> Option<Finished> {
     let steps = calibrate((args.work_ns as f64 / args.slow) as u64);
     let obtained = obtain(args.core, args.priority);
     run_loop(args, steps, most, stop, &mut ticks);
-    let mut run = Accumulator::new(period, 0)?;
+    let mut run = Accumulator::new(period, 0);
     for tick in &ticks {
         run.push(&record(tick));
     }

@@ -12,7 +12,7 @@ use scene::{MAX_PROBES, NoFiles, Overrides, parse};
 use std::path::Path;
 
 fn finished(contact: bool) -> Finished {
-    let mut run = Accumulator::new(1_000_000, 1).unwrap();
+    let mut run = Accumulator::new(1_000_000, 1);
     for tick in 0..5000 {
         let touches = contact && tick % 1000 > 400;
         let mut wrenches = [Wrench::ZERO; MAX_PROBES];
