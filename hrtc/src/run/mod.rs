@@ -207,15 +207,17 @@ pub fn run_until(
     let _core = room::claim_core(&mut scene.plan.loop_, args.started_ns.is_some());
     let devices = make_devices(devices, &scene, args.tour_seconds.is_none())?;
     let mut setup = setup_for(args, &devices).within(args.limits);
+    let shared = new_shared(&scene.plan);
+    // Before the costs are measured: the C library gives their stack, three times as large as this
+    // one's, to the next thread, which is to be the tick's.
+    let watchdog = watch(&devices, &shared, &scene.plan)?;
     setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));
     let plan = &scene.plan;
     room::check(plan, &setup, args.seconds)?;
 
-    let shared = new_shared(plan);
     let (mut recording, taps) = RunRecording::start(args.record.as_deref(), &scene, &setup)?;
     let (rings, endpoints, log) = rings(taps, &shared, plan.loop_.rate_hz);
-    let watchdog = watch(&devices, &shared, plan)?;
     let tick = Ticking::spawn(TickThread {
         controller,
         devices,
