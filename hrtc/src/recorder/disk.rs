@@ -275,16 +275,10 @@ impl Files {
             // Over NFS only what is open for reading takes a shared lock; a pipe has one reader.
             .read(!path.metadata().is_ok_and(|of| !of.is_file()))
             .write(true)
-            .truncate(true)
+            // Only once it is known to be nobody else's.
+            .truncate(false)
             .open(&path)?;
-        // Another run of hrtc must not delete it; where there are no locks, it may. Who looks
-        // whether it is free holds it for a moment.
-        for _ in 0..LOCK_TRIES {
-            if file.try_lock_shared().is_ok() {
-                break;
-            }
-            std::thread::sleep(LOCK_PAUSE);
-        }
+        take_over(&file)?;
         self.own.push_back((path, 0));
         self.file = Some(file);
         self.news.failed.store(false, Ordering::Release);
@@ -336,6 +330,34 @@ impl Files {
         }
         Ok(())
     }
+}
+
+/// Empties a file and shares its lock as long as it is open, which another run of hrtc must neither
+/// write nor delete then; where there are no locks, it may.
+///
+/// # Errors
+/// When another run writes it: both would spoil each other's recording.
+fn take_over(file: &File) -> io::Result<()> {
+    // Devices and pipes take the bytes of whoever writes.
+    if file.metadata()?.is_file() {
+        if matches!(tried(|| file.try_lock()), Err(TryLockError::WouldBlock)) {
+            return Err(io::Error::other("another run is writing it"));
+        }
+        file.set_len(0)?;
+    }
+    let _ = tried(|| file.try_lock_shared());
+    Ok(())
+}
+
+/// The answer to who locks a file: who looks whether it is free holds it for a moment.
+fn tried(lock: impl Fn() -> Result<(), TryLockError>) -> Result<(), TryLockError> {
+    for _ in 1..LOCK_TRIES {
+        match lock() {
+            Err(TryLockError::WouldBlock) => std::thread::sleep(LOCK_PAUSE),
+            locked => return locked,
+        }
+    }
+    lock()
 }
 
 /// Removes a file of ours; never a device such as /dev/full.
@@ -420,6 +442,29 @@ mod tests {
         for says in ["none/run.mcap cannot be written", "--record FILE"] {
             assert!(refused.contains(says), "{refused}");
         }
+    }
+
+    /// As of two controllers whose scene names the file.
+    #[test]
+    fn a_file_that_another_run_writes_is_refused_and_keeps_its_bytes() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = folder.path().join("run.mcap");
+        let place = || RecordingPlace {
+            first: first.clone(),
+            keep_bytes: 1 << 30,
+            owns_folder: false,
+        };
+        let disk = Disk::start(place()).unwrap();
+        assert!(disk.write(vec![1; 10], 0));
+        let refused = Disk::start(place()).err().unwrap().to_string();
+        assert!(refused.contains("another run is writing it"), "{refused}");
+        assert_eq!(disk.finish(), Some(vec![first.clone()]));
+        assert_eq!(std::fs::read(&first).unwrap(), [1; 10]);
+        // After its end the file is begun anew.
+        let next = Disk::start(place()).unwrap();
+        assert!(next.write(vec![2; 3], 0));
+        assert_eq!(next.finish(), Some(vec![first.clone()]));
+        assert_eq!(std::fs::read(&first).unwrap(), [2; 3]);
     }
 
     #[test]
