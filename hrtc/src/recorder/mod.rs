@@ -248,11 +248,13 @@ impl Recorder {
         self.missing.take()
     }
 
-    /// Whether the recording lacks what it should have: the disk refused it, or it was not handed
-    /// over in time.
+    /// Whether the recording lacks what it should have: the disk refused it, it was not handed over
+    /// in time, or the recorder's thread has panicked.
     #[must_use]
     pub fn has_lost(&self) -> bool {
-        self.progress.has_lost.load(Ordering::Relaxed)
+        // Nobody has asked it to end yet.
+        let has_ended = self.thread.as_ref().is_some_and(JoinHandle::is_finished);
+        has_ended || self.progress.has_lost.load(Ordering::Relaxed)
     }
 
     /// Size and high water of each queue and ring.
@@ -311,5 +313,33 @@ impl Drop for Recorder {
 impl std::fmt::Debug for Recorder {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Recorder").finish_non_exhaustive()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_recording_whose_thread_has_panicked_lacks_what_it_should_have() {
+        let (ticks, _taps, _sources) = sources();
+        let (release, released) = std::sync::mpsc::channel::<()>();
+        let thread = std::thread::spawn(move || -> Vec<PathBuf> {
+            let _ = released.recv();
+            std::panic::resume_unwind(Box::new(()))
+        });
+        let recorder = Recorder {
+            ticks,
+            ending: Arc::default(),
+            progress: Arc::default(),
+            missing: None,
+            thread: Some(thread),
+        };
+        assert!(!recorder.has_lost());
+        drop(release);
+        while !recorder.has_lost() {
+            std::thread::yield_now();
+        }
+        assert!(recorder.finish(None).is_empty());
     }
 }
