@@ -128,7 +128,9 @@ pub(super) fn measure_costs(plan: &LoopPlan, slow: f64) -> WorkCosts {
     let measured = thread.spawn(measure).ok();
     let measured = measured.and_then(|thread| thread.join().ok().flatten());
     if measured.is_none() {
-        note!("the costs of this machine could not be measured, so the tick counts with others");
+        note!(
+            "the costs of this machine could not be measured, so the tick counts with those of the reference machine; where this one is slower it is late until it has learned that"
+        );
     }
     measured.map_or(WorkCosts::REFERENCE, |of| of.costs)
 }
