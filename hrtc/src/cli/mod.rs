@@ -7,7 +7,7 @@
 //! | 0 | the run has ended at its time, or by a signal with its ramp |
 //! | 1 | the run failed; what is known of it was printed as its result |
 //! | 2 | a bad file, option or scene: one sentence says what to do |
-//! | 130 | ended by a second or third Ctrl-C |
+//! | 130 | ended by a second or third Ctrl-C, or by a signal before the station's scene was here |
 //!
 //! # Example
 //! A program with a driver of one's own:
@@ -28,6 +28,7 @@
 mod signals;
 
 use crate::devices::DeviceRegistry;
+use crate::fetch::FetchError;
 use crate::message::note;
 use crate::run::{Output, RunArgs, RunError, run_until};
 use crate::setup::ForceLimits;
@@ -207,6 +208,9 @@ fn ended(status: u8, sentence: &dyn std::fmt::Display) -> ExitCode {
 #[must_use]
 pub fn status(error: &RunError) -> u8 {
     match error {
+        RunError::SwitchedOff | RunError::TickHangs | RunError::Fetch(FetchError::Stopped) => {
+            INTERRUPTED
+        }
         RunError::Scene(..)
         | RunError::Fetch(..)
         | RunError::Transport(..)
@@ -220,7 +224,6 @@ pub fn status(error: &RunError) -> u8 {
         | RunError::TickPanicked(..)
         | RunError::LinkEnded
         | RunError::Print(..) => FAILED,
-        RunError::SwitchedOff | RunError::TickHangs => INTERRUPTED,
     }
 }
 
@@ -241,6 +244,8 @@ mod tests {
             (RunError::Print(std::io::ErrorKind::StorageFull.into()), 1),
             (RunError::SwitchedOff, 130),
             (RunError::TickHangs, 130),
+            // Nothing was wrong with what was typed.
+            (RunError::Fetch(FetchError::Stopped), 130),
         ] {
             assert_eq!(status(&error), expected, "{error}");
         }
