@@ -410,7 +410,9 @@ impl Worker {
         if !self.has_warned {
             self.has_warned = true;
             self.progress.has_lost.store(true, Ordering::Relaxed);
-            note!("{NOT_RECORDED}, the run goes on: {reason}");
+            note!(
+                "{NOT_RECORDED}, the run goes on: {reason}; a further file begins once the disk has room and time again"
+            );
         }
         // What waited behind a failure is lost with it.
         let lost = self.disk.take_lost().unwrap_or(self.pending_tick);
