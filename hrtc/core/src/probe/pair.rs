@@ -376,8 +376,7 @@ impl ProbeObjectPair {
         [moved, velocity]: [&Twist; 2],
         period_s: f64,
     ) -> (f64, Wrench, CouplingSpring) {
-        let (depth, whole, spring) = self.proxy.render(goal, scale, plan, velocity);
-        let (_, undamped, _) = self.proxy.render(goal, scale, plan, &Twist::default());
+        let (depth, [whole, undamped], spring) = self.proxy.render(goal, scale, plan, velocity);
         let (coupled, moves) = ((undamped, spring), self.surface_moves);
         let (_, spring) = self.coupling.pay(coupled, moved, moves, period_s);
         (depth, whole * self.coupling.share(), spring)

@@ -397,18 +397,18 @@ impl ProxyKind {
         Some((nearest, work, is_complete))
     }
 
-    /// Depth of the device behind the proxy, metres, the wrench on it about its position in the
-    /// model's axes, and the spring that it comes from. `velocity`: of the device's position,
-    /// metres and radians a second, model's axes.
+    /// Depth of the device behind the proxy, metres; the wrench on it about its position in the
+    /// model's axes, with damping and without; and the spring that it comes from. `velocity`: of
+    /// the device's position, metres and radians a second, model's axes.
     pub fn render(
         &self,
         goal: &Pose,
         metres_per_unit: f64,
         surface: &SurfacePlan,
         velocity: &Twist,
-    ) -> (f64, Wrench, CouplingSpring) {
+    ) -> (f64, [Wrench; 2], CouplingSpring) {
         let Some(end) = self.coupling_end() else {
-            return (0.0, Wrench::ZERO, CouplingSpring::default());
+            return (0.0, [Wrench::ZERO; 2], CouplingSpring::default());
         };
         let out = (end - goal.position) * metres_per_unit;
         let depth = out.length();
@@ -416,31 +416,31 @@ impl ProxyKind {
             stiffness_n_per_m: surface.stiffness_n_per_m,
             damping_ns_per_m: surface.damping_ns_per_m,
         };
-        let (wrench, stretch) = match self {
+        let (wrenches, stretch) = match self {
             // A ball has no axes: its coupling is that of a body without extent.
             Self::Ball(_) => {
                 let stretch = Twist {
                     linear: out,
                     angular: DVec3::ZERO,
                 };
-                (coupling.wrench(&stretch, velocity, 0.0), depth)
+                (coupling.wrenches(&stretch, velocity, 0.0), depth)
             }
             Self::Tool(tool) => (
-                tool.proxy.wrench(&coupling, metres_per_unit, velocity),
+                tool.proxy.wrenches(&coupling, metres_per_unit, velocity),
                 tool.proxy.deflection() * metres_per_unit,
             ),
         };
-        let wrench = match () {
+        let wrenches = wrenches.map(|wrench| match () {
             () if is(Mutant::ToolTorque) && self.is_tool() => wrench.without_torque(),
             () if is(Mutant::ToolStiff) && self.is_tool() => wrench * 3.0,
             () => wrench,
-        };
+        });
         let spring = CouplingSpring {
             stiffness_n_per_m: surface.stiffness_n_per_m,
             stored_j: 0.5 * surface.stiffness_n_per_m * stretch * stretch,
             raised_j: 0.0,
         };
-        (depth, wrench, spring)
+        (depth, wrenches, spring)
     }
 
     /// What has a limit: its name, the most that there was so far, and the limit.

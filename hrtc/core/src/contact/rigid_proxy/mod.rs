@@ -558,8 +558,20 @@ impl ToolProxy {
     /// second.
     #[must_use]
     pub fn wrench(&self, coupling: &Coupling, metres_per_unit: f64, velocity: &Twist) -> Wrench {
+        let [wrench, _] = self.wrenches(coupling, metres_per_unit, velocity);
+        wrench
+    }
+
+    /// The same with damping, and of the spring alone.
+    #[must_use]
+    pub fn wrenches(
+        &self,
+        coupling: &Coupling,
+        metres_per_unit: f64,
+        velocity: &Twist,
+    ) -> [Wrench; 2] {
         if !self.is_blocked() {
-            return Wrench::ZERO;
+            return [Wrench::ZERO; 2];
         }
         let deflection = self.goal.to(&self.coupling_target);
         let deflection = Twist {
@@ -572,6 +584,7 @@ impl ToolProxy {
             ..*velocity
         };
         let gyration = self.shape.gyration * metres_per_unit;
-        about(&coupling.wrench(&deflection, &velocity, gyration), arm)
+        let wrenches = coupling.wrenches(&deflection, &velocity, gyration);
+        wrenches.map(|wrench| about(&wrench, arm))
     }
 }

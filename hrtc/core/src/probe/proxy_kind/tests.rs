@@ -69,7 +69,8 @@ fn the_contacts_of_a_tilted_tool_have_the_force_of_the_coupling() {
         stiffness_n_per_m: 800.0,
         damping_ns_per_m: 0.0,
     };
-    let (_, wrench, spring) = proxy.render(&at(2.0), METRES_PER_UNIT, &plan, &Twist::default());
+    let still = Twist::default();
+    let (_, [wrench, _], spring) = proxy.render(&at(2.0), METRES_PER_UNIT, &plan, &still);
     let turned = proxy.tool().map(|tool| tool.penetration().angular.length());
     assert!(turned.is_some_and(|angle| angle > 0.05), "{turned:?}");
     let of_spring = (2.0 * spring.stiffness_n_per_m * spring.stored_j).sqrt();
