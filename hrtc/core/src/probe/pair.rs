@@ -2,7 +2,7 @@
 
 use crate::budget::QueryBudget;
 use crate::contact::motion::Twist;
-use crate::contact::query::{Surface, Work, closest_point_within};
+use crate::contact::query::{Nearest, Surface, Work, closest_point_within};
 use crate::contact::rigid_proxy::{NearestPair, ToolProxy};
 use crate::contact::sphere_proxy::Contact;
 use crate::costs::QueryWork;
@@ -240,9 +240,6 @@ impl ProbeObjectPair {
         let most = budget.left(QueryWork::Search);
         let (nearest, work, is_complete) = self.proxy.nearest(surface, hint, most);
         budget.charge(QueryWork::Search, work);
-        if step.contact.is_none() && self.proxy.is_held() {
-            step.contact = nearest.map(|nearest| Contact::at(nearest.face, nearest.closest.point));
-        }
         self.hint = nearest.map(|nearest| nearest.face);
         let point = nearest.map(|nearest| nearest.closest.point);
         self.nearest = if is_complete {
@@ -250,6 +247,13 @@ impl ProbeObjectPair {
         } else {
             self.nearer_of(point, self.nearest)
         };
+        if step.contact.is_none() && self.proxy.is_held() {
+            let at = |found: Nearest| Contact::at(found.face, found.closest.point);
+            // A late search without a hint may end before the first face: then the last point holds
+            // on, of no face that is known.
+            let last = self.nearest.map(|point| Contact::at(NONE, point));
+            step.contact = nearest.map(at).or(last);
+        }
         let clearance = nearest.map_or(f64::INFINITY, |n| n.closest.distance_squared.sqrt());
         self.clearance = if is_complete {
             clearance

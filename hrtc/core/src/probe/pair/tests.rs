@@ -1,6 +1,9 @@
 //! Places beside a proxy, and what a late tick finds.
 
 use super::*;
+use crate::costs::WorkCosts;
+use crate::observer::{Stage, StageObserver, Timed};
+use crate::work::TickWork;
 use ab_tree::{AbTree, leaf_key};
 use spm::{ActiveMesh, Certified};
 
@@ -142,4 +145,52 @@ fn what_damping_takes_pays_for_no_contact() {
     let [without, with] = [0.0, 5.0].map(paid);
     assert!(without < 0.9, "{without}");
     assert!((with - without).abs() < 1e-9, "{with}, {without} without");
+}
+
+/// Whether the time of a tick is over.
+struct Late(bool);
+
+impl StageObserver for Late {
+    fn ended(&mut self, _: Stage) {}
+
+    fn is_over(&mut self, _: Timed) -> bool {
+        self.0
+    }
+}
+
+/// A tick of a pair: the contact that it finds.
+fn tick(pair: &mut ProbeObjectPair, heights: &[f32], is_late: bool) -> Option<Contact> {
+    let (mesh, tree) = sheets(heights);
+    let surface = Surface {
+        mesh: &mesh,
+        tree: &tree,
+    };
+    let (work, mut late) = (TickWork::new(1e3), Late(is_late));
+    let time = (&WorkCosts::REFERENCE, u32::MAX);
+    let mut budget = QueryBudget::new(&work, time, [0].into_iter(), &mut late);
+    budget.begin_pair(0);
+    pair.begin_tick();
+    pair.advance(surface, &mut budget)?.contact
+}
+
+/// The sheet that held the ball has gone, which follows gently, and the next faces are deeper in
+/// the tree than a late search comes.
+#[test]
+fn what_is_held_keeps_its_contact_in_a_late_tick_that_finds_no_face() {
+    let height = 2e-3;
+    let far: Vec<f32> = (0..1024u16).map(|k| 1.0 + f32::from(k)).collect();
+    let mut pair = held();
+    pair.goal = Some(Pose::at(DVec3::Z * 5e-3));
+    let before = tick(&mut pair, &[height], false).expect("the sheet stops it");
+    assert!((before.point.z - f64::from(height)).abs() < 1e-12);
+    pair.proxy.limit_slide(1e-6);
+    for _ in 0..3 {
+        pair.hint = None;
+        let then = tick(&mut pair, &far, true).expect("it is held");
+        assert!(pair.proxy.is_held() && pair.hint.is_none());
+        assert!(then.face == NONE && then.point.distance(before.point) < 1e-12);
+    }
+    // With time it finds what is there.
+    let found = tick(&mut pair, &far, false).expect("it is held");
+    assert!(found.face != NONE && (found.point.z - 1.0).abs() < 1e-12);
 }
