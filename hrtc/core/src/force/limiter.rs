@@ -27,32 +27,50 @@ struct Limit {
     step: f64,
 }
 
+/// A limited force or torque.
+struct LimitedVector {
+    vector: DVec3,
+    /// Whether it was clamped.
+    is_cut: bool,
+    /// The shares of the last vector and of the wanted one of which it is the sum, 0 to 1.
+    shares: [f64; 2],
+}
+
 impl Limit {
-    /// The wanted vector, clamped, scaled by `share` (0 to 1), and within one step of the last; and
-    /// whether it was clamped.
-    fn pass(&self, wanted: DVec3, share: f64, last: DVec3) -> (DVec3, bool) {
+    /// The wanted vector, clamped, scaled by `share` (0 to 1), and within one step of the last.
+    fn pass(&self, wanted: DVec3, share: f64, last: DVec3) -> LimitedVector {
         let most = self.most * if is(Mutant::Clamp) { 2.0 } else { 1.0 };
         let size = wanted.length();
-        let cut = size > most;
-        let limited = if cut { wanted * (most / size) } else { wanted };
+        let is_cut = size > most;
+        let clamp = if is_cut { most / size } else { 1.0 };
+        let limited = if is_cut { wanted * clamp } else { wanted };
         let target = limited * share;
         let step = target - last;
         let length = step.length();
-        let mut passed = if length > self.step && !is(Mutant::Slew) {
-            last + step * (self.step / length)
+        let (mut vector, part) = if length > self.step && !is(Mutant::Slew) {
+            let part = self.step / length;
+            (last + step * part, part)
         } else {
-            target
+            (target, 1.0)
         };
         // The ball of the maximum is convex, so only rounding can lead outside.
-        let size = passed.length();
+        let size = vector.length();
         if size > most {
-            passed *= most / size * (1.0 - f64::EPSILON);
+            vector *= most / size * (1.0 - f64::EPSILON);
         }
         // Whatever the limits are.
-        if passed.is_finite() {
-            (passed, cut)
+        if vector.is_finite() {
+            LimitedVector {
+                vector,
+                is_cut,
+                shares: [1.0 - part, part * clamp * share],
+            }
         } else {
-            (DVec3::ZERO, true)
+            LimitedVector {
+                vector: DVec3::ZERO,
+                is_cut: true,
+                shares: [0.0; 2],
+            }
         }
     }
 }
@@ -64,6 +82,25 @@ pub struct LimitedWrench {
     pub wrench: Wrench,
     /// Whether force or torque was clamped to its maximum, or was not finite.
     pub clamped: bool,
+    /// The shares of the last wrench and of the wanted one of which it is the sum, 0 to 1: of
+    /// force, and of torque.
+    shares: [[f64; 2]; 2],
+}
+
+impl LimitedWrench {
+    /// What of it comes from a part of the last wrench and a finite part of the wanted one.
+    #[must_use]
+    pub fn part_of(&self, last: &Wrench, wanted: &Wrench) -> Wrench {
+        let sum = |shares: [f64; 2], last: DVec3, wanted: DVec3| {
+            let [of_last, of_wanted] = shares;
+            last * of_last + wanted * of_wanted
+        };
+        let [force, torque] = self.shares;
+        Wrench {
+            force: sum(force, last.force, wanted.force),
+            torque: sum(torque, last.torque, wanted.torque),
+        }
+    }
 }
 
 /// The shares of a wrench's force and torque that a limiter passed, 0 to 1: each has a maximum of
@@ -103,9 +140,12 @@ impl Passed {
         }
     }
 
-    /// The part of another wrench that has passed with it.
+    /// The part of another wrench that has passed with it; nothing of what is not finite.
     #[must_use]
     pub fn scale(&self, wrench: &Wrench) -> Wrench {
+        if !wrench.is_finite() {
+            return Wrench::ZERO;
+        }
         Wrench {
             force: wrench.force * self.force,
             torque: wrench.torque * self.torque,
@@ -156,13 +196,18 @@ impl ForceLimiter {
         self.ramp = (self.ramp + change / self.ramp_ticks).clamp(0.0, 1.0);
         let finite = wanted.is_finite();
         let wanted = if finite { wanted } else { Wrench::ZERO };
-        let (force, force_cut) = self.force.pass(wanted.force, self.ramp, self.last.force);
-        let (torque, torque_cut) = self.torque.pass(wanted.torque, self.ramp, self.last.torque);
-        let before = std::mem::replace(&mut self.last, Wrench { force, torque });
+        let force = self.force.pass(wanted.force, self.ramp, self.last.force);
+        let torque = self.torque.pass(wanted.torque, self.ramp, self.last.torque);
+        let passed = Wrench {
+            force: force.vector,
+            torque: torque.vector,
+        };
+        let before = std::mem::replace(&mut self.last, passed);
         let is_late = is(Mutant::LateForce);
         LimitedWrench {
             wrench: if is_late { before } else { self.last },
-            clamped: force_cut || torque_cut || !finite,
+            clamped: force.is_cut || torque.is_cut || !finite,
+            shares: [force.shares, torque.shares],
         }
     }
 

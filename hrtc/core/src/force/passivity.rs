@@ -451,6 +451,12 @@ impl EnergyAccount {
         self.limited = finite(limited);
     }
 
+    /// The wrench of the coming period, and its limited part.
+    #[must_use]
+    pub fn output(&self) -> [Wrench; 2] {
+        [self.wrench, self.limited]
+    }
+
     /// Sets a force for the coming period, all of it limited. Unlike [`Self::set_output`], a zero
     /// force does not end the contact.
     pub fn set_force(&mut self, force: DVec3) {

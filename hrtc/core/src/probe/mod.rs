@@ -355,8 +355,17 @@ impl Probe {
         if !self.renders_torque {
             passed.torque = 0.0;
         }
-        let limited = if is_driven {
-            passed.scale(&passive)
+        // What lingers of a force that was limited stays limited beside an active one, and what
+        // lingers of an active one stays active.
+        let [before, limited_before] = self.energy.output();
+        let limited = if is_driven || limited_before != before {
+            // Nothing has passed of a sum that is not finite.
+            let part = if sum.is_finite() {
+                passive
+            } else {
+                Wrench::ZERO
+            };
+            output.part_of(&limited_before, &part)
         } else {
             output.wrench
         };

@@ -373,6 +373,45 @@ fn a_torque_that_is_cut_says_nothing_of_the_force() {
     assert!((of(DVec3::ZERO, couple, 0.25).force - 0.25).abs() < 1e-12);
     assert_eq!(of(DVec3::ZERO, DVec3::ZERO, 0.0), all);
     assert_eq!(of(DVec3::NAN, couple, 0.5).force, 0.0);
+    let none = Wrench {
+        force: DVec3::NAN,
+        torque: couple,
+    };
+    assert_eq!(Passed::of(&none, &Wrench::ZERO).scale(&none), Wrench::ZERO);
+}
+
+/// A force ends at once, and the slew limit takes some periods for it: what it does in these is
+/// booked for the contact if it was the contact's, whatever else acts, and only then.
+#[test]
+fn the_rest_of_a_force_is_booked_as_the_force_was() {
+    let booked_j = |effects: &str, is_active: bool| {
+        let Held { mut probe, .. } = Held::of(true, effects);
+        let ends = 2 * RAMP;
+        for tick in 0..=ends + 1 {
+            let mut wanted = Rendered::default();
+            let force = DVec3::Z * if tick < ends { 6.0 } else { 0.0 };
+            if is_active {
+                wanted.active.force = force;
+            } else {
+                wanted.passive.force = force;
+            }
+            let moved = if tick > ends { 1e-4 } else { 0.0 };
+            probe.sample(Some(Sample::at(Pose::at(DVec3::Z * moved))), 1);
+            let clock = Clock {
+                tick,
+                period_s: 1e-3,
+            };
+            probe.limit(clock, wanted, CarriedWork::default(), true);
+        }
+        assert!(probe.wrench.force.z > 1.0, "{:?}", probe.wrench);
+        -probe.energy.balance(0.0)
+    };
+    let weight = "effects = [{ gravity = { mass_kg = 1e-6 } }]";
+    let [alone, beside] = ["", weight].map(|effects| booked_j(effects, false));
+    assert!(alone > 1e-4, "{alone} J");
+    assert!((beside / alone - 1.0).abs() < 0.01, "{beside} of {alone} J");
+    let of_active = booked_j("", true);
+    assert!(of_active.abs() < 1e-12, "{of_active} J");
 }
 
 /// A driver at half the rate of the loop presses on: the work of each period is booked in it.
