@@ -2,6 +2,7 @@
 //! in six degrees of freedom, in virtual time. The loop is closed in translation and rotation.
 
 use super::bench::model;
+use super::setup::Setup;
 use crate::failure::Failure;
 use geometry::{Pose, Wrench};
 use glam::{DQuat, DVec3};
@@ -10,7 +11,7 @@ use hrtc_core::record::CoreRecord;
 use protocol::Request;
 use scene::{NoFiles, Overrides, ProbeShape, ScenePlan, ToolMeshPlan, TrajectoryPlan, parse};
 use simulated_device::DeviceState;
-use simulator::{Client, ClientOptions, STATION, Simulation};
+use simulator::{Client, STATION, Simulation};
 use spm::SpmFile;
 use spm_builder::SoupMesh;
 use station_core::station::{ServedModel, ServedObject, Station};
@@ -99,15 +100,18 @@ pub struct HeldTool {
 }
 
 impl HeldTool {
-    /// At a pose in free space, with the model there.
+    /// At a pose in free space, with the model there, over the link of a setup.
     ///
     /// # Errors
     /// One sentence when the mesh cannot be served, or does not arrive.
-    pub fn new(plan: &ScenePlan, mesh: SoupMesh, begin: Pose) -> Result<Self, Failure> {
+    pub fn new(
+        plan: &ScenePlan,
+        setup: &Setup,
+        mesh: SoupMesh,
+        begin: Pose,
+    ) -> Result<Self, Failure> {
         let station = station(plan, mesh)?;
-        let mut options = ClientOptions::default();
-        options.link = options.link.at_rate(plan.loop_.rate_hz);
-        let mut client = Client::new(plan, options);
+        let mut client = Client::new(plan, setup.client_options());
         let controller = client.controller_mut();
         controller.set_motion_limits(0, MotionLimits::HAND);
         let mut held = Self {

@@ -203,7 +203,7 @@ fn met(
         };
         // Far enough to have the model there, which takes some ticks, and then some phase of a
         // tick.
-        let ticks = setup.ticks(60) as f64 + unit(random);
+        let ticks = setup.ticks(setup.arrival_ms() + 20) as f64 + unit(random);
         let far = speed / setup.rate_hz * ticks + setup.radius_m;
         met_once(sheet, (setup, is_free), far, found)?;
     }
@@ -221,13 +221,13 @@ fn met_once(
     let place = setup.pose.transform_point(DVec3::Z * far);
     let mut mass = FreeMass::new(place, DVec3::ZERO, bench.period_s(), 0.0);
     let (mut watch, mut force, mut at) = (Watch::default(), DVec3::ZERO, place);
-    for tick in 0..setup.ticks(120) {
+    for tick in 0..setup.ticks(setup.arrival_ms() + 80) {
         if is_free {
             at = mass.advance(force);
         }
         let (wrong, response) = watch.is_wrong(&mut bench, at);
         force = response;
-        if tick > setup.ticks(40) {
+        if tick > setup.ticks(setup.arrival_ms()) {
             found.right(!wrong);
         }
     }
@@ -257,10 +257,10 @@ fn paddle(
     let place = home.transform_point(up * -arm);
     let mut watch = Watch::default();
     let mut above = false;
-    for tick in 0..setup.ticks(1250) {
+    for tick in 0..setup.ticks(setup.arrival_ms() + 1210) {
         let (wrong, _) = watch.is_wrong(&mut bench, place);
         let beside = bench.pose().inverse_transform_point(place).z;
-        above |= tick > setup.ticks(40) && beside > 2.0 * setup.radius_m;
+        above |= tick > setup.ticks(setup.arrival_ms()) && beside > 2.0 * setup.radius_m;
         found.right(!(wrong && above));
     }
     found.must(watch.touched);

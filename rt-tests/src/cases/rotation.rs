@@ -292,8 +292,9 @@ fn held_by_hand<'a>(
     let scaled = [stiffness * defaults.stiffer(), damping];
     let mut plan = plan(&held.tool, scaled, device)?;
     plan.loop_ = plan.loop_.at_rate(defaults.rate_hz);
+    plan.cache_bytes = defaults.cache_bytes(plan.cache_bytes);
     let mut hand = Swings::new(held, random);
-    let tool = HeldTool::new(&plan, held.mesh.clone(), hand.pose(0.0))?;
+    let tool = HeldTool::new(&plan, &defaults, held.mesh.clone(), hand.pose(0.0))?;
     let ticks = size.of(SECONDS[0], SECONDS[1]) * plan.loop_.rate_hz as u64;
     Ok((tool, hand, ticks))
 }
@@ -483,7 +484,7 @@ mod tests {
                 position: DVec3::Z * z,
                 orientation: DQuat::from_rotation_x(tilt),
             };
-            let mut held = HeldTool::new(&plan, mesh, over(0.01, 0.0)).unwrap();
+            let mut held = HeldTool::new(&plan, &Setup::default(), mesh, over(0.01, 0.0)).unwrap();
             let (mut rendered, mut torque) = (DVec3::ZERO, 0.0f64);
             let mut before = held.device().pose.position;
             let mut of_forces = 0.0;

@@ -94,6 +94,8 @@ pub struct Setup {
     pub any_motion: bool,
     /// Where it departs from the product.
     pub departs: &'static [(Departure, &'static str)],
+    /// Where the whole run does, beside the case.
+    pub run_departs: &'static [Departure],
     /// Whose force and proxy take the place of the product's, or who writes down what is asked.
     pub contender: Option<&'static Contender>,
 }
@@ -136,6 +138,7 @@ impl Setup {
         length_m: None,
         any_motion: false,
         departs: &[],
+        run_departs: &[],
         contender: None,
     };
 
@@ -228,7 +231,25 @@ impl Setup {
     /// Whether it departs from the product in a setting.
     #[must_use]
     pub fn departs_in(&self, setting: Departure) -> bool {
-        self.departs.iter().any(|&(of, _)| of == setting)
+        self.departs.iter().any(|&(of, _)| of == setting) || self.run_departs.contains(&setting)
+    }
+
+    /// Bytes of the mesh cache, where the product has so many.
+    pub(super) fn cache_bytes(&self, of_product: usize) -> usize {
+        if self.departs_in(Departure::SmallCache) {
+            2 << 20
+        } else {
+            of_product
+        }
+    }
+
+    /// Time after which a model is there, milliseconds: far more than the way over the link.
+    pub(super) fn arrival_ms(&self) -> u64 {
+        if self.departs_in(Departure::LossyLink) {
+            600
+        } else {
+            40
+        }
     }
 
     /// A tool in place of the ball: a capsule ten radii long.
@@ -273,9 +294,7 @@ impl Setup {
         )?;
         plan.loop_ = plan.loop_.at_rate(self.rate_hz);
         self.scale_effects(&mut plan);
-        if self.departs_in(Departure::SmallCache) {
-            plan.cache_bytes = 2 << 20;
-        }
+        plan.cache_bytes = self.cache_bytes(plan.cache_bytes);
         if self.departs_in(Departure::OneOperation) {
             plan.loop_.operations = 1;
         }

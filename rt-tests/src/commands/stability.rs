@@ -17,7 +17,7 @@ mod words;
 
 use crate::cases::case::Logged;
 use crate::cases::contender::Contender;
-use crate::cases::setup::Setup;
+use crate::cases::setup::{Departure, Setup};
 use crate::cases::{Case, Found, ProbeOfCase, Size, all};
 use crate::failure::{Chosen, Failure};
 use crate::peers::ball::PeerProgram;
@@ -49,6 +49,10 @@ pub struct StabilityArgs {
     /// of every surface and effect goes with it and damping stays, so that (K T/2 + B) / b does
     #[arg(long, value_name = "HZ", default_value_t = 1000.0, value_parser = rate)]
     pub rate: f64,
+    /// Run every case with a cache of 2 MiB, and over a link that delays by 20 to 40 ms and loses
+    /// 2 % of what it carries
+    #[arg(long)]
+    pub small_lossy: bool,
     /// Seed of everything that is random
     #[arg(long, value_name = "S", default_value_t = 1)]
     pub seed: u64,
@@ -78,6 +82,9 @@ pub struct StabilityArgs {
     pub json: bool,
 }
 
+/// Departures of a run with `--small-lossy`.
+const SMALL_LOSSY: [Departure; 2] = [Departure::SmallCache, Departure::LossyLink];
+
 /// A rate at which the cases are tested. A scene may have a lower or higher one; what the cases ask
 /// in a tick is not asked there.
 fn rate(typed: &str) -> Result<f64, String> {
@@ -97,6 +104,8 @@ pub struct Stability {
     pub full: bool,
     /// Rate of the loop, 1/s.
     pub rate_hz: f64,
+    /// Whether every case had a cache of 2 MiB and a lossy link.
+    pub small_lossy: bool,
     /// The cases, in the order of the table; none with `--mutants`.
     pub cases: Vec<Verdict>,
     /// What a step takes, with `--peers` only.
@@ -109,6 +118,25 @@ pub struct Stability {
         serialize_with = "kills::closed"
     )]
     pub mutants: Vec<MutantFound>,
+}
+
+impl Stability {
+    /// What was run, in a line.
+    fn head(&self) -> String {
+        let Self { seed, rate_hz, .. } = self;
+        let departures = self.departures();
+        format!("hard cases at {rate_hz} Hz{departures}, seed {seed}")
+    }
+
+    /// Where all of it departs from the product.
+    fn departures(&self) -> String {
+        if self.small_lossy {
+            let [cache, link] = SMALL_LOSSY.map(Departure::setting);
+            format!(" with {cache} and a link of {link}")
+        } else {
+            String::new()
+        }
+    }
 }
 
 /// What a case came to.
@@ -331,6 +359,7 @@ pub fn run_cases(args: &StabilityArgs) -> Result<Stability, Failure> {
         seed: args.seed,
         full: args.full,
         rate_hz: args.rate,
+        small_lossy: args.small_lossy,
         cases,
         step_times,
         mutants,
@@ -392,6 +421,7 @@ fn run_case(case: &Case, args: &StabilityArgs, contender: Option<&'static Conten
     let mut trial = case.trial(&size, &mut random);
     trial.defaults = Setup {
         contender,
+        run_departs: if args.small_lossy { &SMALL_LOSSY } else { &[] },
         ..trial.defaults
     };
     let found = catch_unwind(AssertUnwindSafe(|| (case.run)(trial)));
@@ -486,8 +516,8 @@ fn table(found: &Stability) -> String {
     let errors: String = errors
         .map(|case| format!("{}: {}\n", case.name, case.error))
         .collect();
-    let Stability { seed, rate_hz, .. } = found;
-    format!("hard cases at {rate_hz} Hz, seed {seed}\n\n{table}\n{errors}\n{open}\n{logged}")
+    let head = found.head();
+    format!("{head}\n\n{table}\n{errors}\n{open}\n{logged}")
 }
 
 /// The parameters of each case beside those of the facts.

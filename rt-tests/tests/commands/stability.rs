@@ -1,4 +1,5 @@
-//! The quick set of the hard cases passes for the seed of the command, and for two others.
+//! The quick set of the hard cases passes for the seed of the command and another one, and for a
+//! third with a small cache over a lossy link.
 
 use crate::typed::{rt_tests, said};
 use mutants::Mutant;
@@ -6,14 +7,16 @@ use rt_tests::cases::all;
 use rt_tests::commands::simulate::mutants::checks_of;
 use rt_tests::commands::stability::{Stability, StabilityArgs, run_cases};
 
-/// The default of the command, and two others: a case that one seed does not break another may.
-const SEEDS: [u64; 3] = [1, 2, 3];
+/// Seeds, and whether they run with a small cache over a lossy link: the default of the command, and
+/// others, since a case that one seed does not break another may.
+const RUNS: [(u64, bool); 3] = [(1, false), (2, false), (3, true)];
 
 fn args(seed: u64) -> StabilityArgs {
     StabilityArgs {
         cases: Vec::new(),
         full: false,
         rate: 1e3,
+        small_lossy: false,
         seed,
         mutants: false,
         parameters: false,
@@ -25,15 +28,19 @@ fn args(seed: u64) -> StabilityArgs {
     }
 }
 
-fn run(seed: u64) -> Stability {
-    run_cases(&args(seed)).expect("the cases run")
+fn run(seed: u64, small_lossy: bool) -> Stability {
+    let args = StabilityArgs {
+        small_lossy,
+        ..args(seed)
+    };
+    run_cases(&args).expect("the cases run")
 }
 
 #[test]
 fn every_case_keeps_to_its_limit() {
-    for seed in SEEDS {
-        println!("seed {seed}");
-        let cases = run(seed).cases.into_iter();
+    for (seed, small_lossy) in RUNS {
+        println!("seed {seed}, small and lossy: {small_lossy}");
+        let cases = run(seed, small_lossy).cases.into_iter();
         let failed: Vec<_> = cases.filter(|case| case.fails()).collect();
         assert!(failed.is_empty(), "seed {seed}: {failed:?}");
     }

@@ -24,6 +24,7 @@ fn quick(cases: &[&str], mutants: bool) -> StabilityArgs {
         cases: cases.iter().map(ToString::to_string).collect(),
         full: false,
         rate: 1e3,
+        small_lossy: false,
         seed: 1,
         mutants,
         parameters: false,

@@ -74,7 +74,11 @@ fn peers(found: &Stability) -> Vec<String> {
 
 fn summary(found: &Stability) -> String {
     let set = if found.full { "full" } else { "quick" };
-    let run = format!("the {set} set at {} Hz", found.rate_hz);
+    let run = format!(
+        "the {set} set at {} Hz{}",
+        found.rate_hz,
+        found.departures()
+    );
     let seed = found.seed;
     if !found.mutants.is_empty() {
         let closed = found.mutants.iter().filter(|of| of.open.is_empty());
@@ -340,6 +344,7 @@ mod tests {
         let page = page(&Stability {
             seed: 1,
             rate_hz: 500.0,
+            small_lossy: false,
             full: false,
             cases: Vec::new(),
             step_times: Vec::new(),

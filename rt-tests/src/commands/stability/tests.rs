@@ -32,6 +32,7 @@ fn found(case: Verdict) -> Stability {
         seed: 1,
         full: false,
         rate_hz: 1e3,
+        small_lossy: false,
         cases: vec![case],
         step_times: Vec::new(),
         mutants: Vec::new(),
