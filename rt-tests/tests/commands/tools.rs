@@ -12,7 +12,7 @@ fn a_tool_is_measured_beside_unlimited_work() {
     assert_eq!(rows.len(), 1, "{said}");
     let row = &rows[0];
     assert_eq!(row["model"], "relief-10000");
-    assert_eq!(row["tool"], "capsule-924");
+    assert_eq!(row["tool"], "capsule-968");
     assert_eq!(number(row, "ticks"), 2000.0);
     assert!(number(row, "contact_ticks") > 500.0, "{said}");
     assert!(number(row, "force_n.p50") > 0.1, "{said}");
