@@ -35,8 +35,8 @@ pub fn bytes_row(row: &Bytes) -> [String; 8] {
 
 /// A row for each setting of a model; points of one model follow each other.
 fn settings(points: &[Point]) -> Table {
-    let heads = "knob | asked | true | median | certified | force | normal | tick p50 | p99 | \
-        p99.9 | faces | received | memory";
+    let heads = "knob | asked | true error\nmax | \np50 | certified\nmax | force off\nmax | normal off\n\
+        max | tick\np50 | \np99 | \np99.9 | faces | received | memory";
     let mut table = Table::new(1, heads);
     let mut last = None;
     for point in points {

@@ -171,7 +171,7 @@ fn words(found: &Costs) -> String {
     }
     let [tick, inbox, refinement, queries] = found.patch;
     format!(
-        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\nthe governor itself: {:.0} ns a tick\n\n{fits}",
+        "cost of a unit of counted work, median of {REPEATS} measurements\n\n{table}\npatch, its time over that of the reference machine's costs: tick {tick:.2}, inbox {inbox:.2}, refinement {refinement:.2}, queries {queries:.2}\nthe governor itself: {:.0} ns a tick\n\n{fits}",
         found.governor_ns
     )
 }

@@ -1,8 +1,9 @@
 //! What `rt-tests deadline` prints.
 
 use super::{Deadline, MAX_P999_RATIO, Row};
+use crate::report::quantile::median;
 use crate::report::table::Table;
-use crate::report::units::length;
+use crate::report::units::{length, percent};
 use hrtc_core::record::max_or_nan;
 use std::collections::BTreeSet;
 
@@ -68,17 +69,19 @@ impl<'a> Summary<'a> {
         let rows = self.rows;
         let sum = |of: fn(&Row) -> u64| rows.iter().map(of).sum::<u64>();
         let us = |of: fn(&Row) -> f64| format!("{:.0}", most(rows, of));
-        let contact = sum(|row| row.contact_ticks).max(1) as f64;
-        let full = 100.0 * sum(|row| row.contact_full_ticks) as f64 / contact;
-        let mut ratios: Vec<f64> = rows.iter().map(|row| row.reference_p999_ratio).collect();
-        ratios.sort_by(f64::total_cmp);
+        let contact = sum(|row| row.contact_ticks);
+        let ratios: Vec<f64> = rows.iter().map(|row| row.reference_p999_ratio).collect();
         [
             rows[0].scene.clone(),
             format!("{}", rows[0].slow),
             sum(|row| row.missed_own_cpu).to_string(),
             sum(|row| row.units_over_budget_ticks).to_string(),
-            format!("{full:.1} %"),
-            length(self.certified_p99_m),
+            percent(sum(|row| row.contact_full_ticks), contact),
+            // A bound of nothing is none, and not 0.
+            match contact.saturating_sub(sum(|row| row.contact_unbounded_ticks)) {
+                0 => "none".to_string(),
+                _ => length(self.certified_p99_m),
+            },
             match sum(|row| row.measured_errors) {
                 0 => "none".to_string(),
                 _ => length(most(rows, |row| row.measured_error_m.p99)),
@@ -87,7 +90,7 @@ impl<'a> Summary<'a> {
             us(|row| row.work_us.p99),
             us(|row| row.work_us.p999),
             us(|row| row.work_us.max),
-            format!("{:.1}", ratios[ratios.len() / 2]),
+            format!("{:.1}", median(&ratios)),
             sum(|row| row.reference_missed_own_cpu).to_string(),
             format!("{:.3}", most(rows, |row| row.force_step_n_max)),
         ]
@@ -252,6 +255,20 @@ pub(super) mod tests {
         // One of the seeds is enough for a number.
         let some = text(vec![unmeasured, kept()]);
         assert!(!some.contains(" none "), "{some}");
+        // Nor has a run without a touch any part at full resolution, or a certified error.
+        let untouched = Row {
+            contact_ticks: 0,
+            ..kept()
+        };
+        let none = text(vec![untouched]);
+        assert_eq!(none.matches(" none ").count(), 2, "{none}");
+        // Of two seeds the ratio is their mean.
+        let ratio = |reference_p999_ratio| Row {
+            reference_p999_ratio,
+            ..kept()
+        };
+        let both = text(vec![ratio(1.0), ratio(1.4)]);
+        assert!(both.contains(" 1.2 "), "{both}");
     }
 
     #[test]
