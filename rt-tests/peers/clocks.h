@@ -7,8 +7,8 @@
 #include <ctime>
 #include <vector>
 
-// Both clocks of one moment: wall time has the time of other processes in it, processor time takes
-// long to be read; a question took no more than the smaller.
+// Both clocks of one moment: wall time has the time of other processes in it; processor time takes
+// long to be read, and now and then longer than it took when that was measured.
 struct Reading {
     int64_t wall, cpu;
 };
@@ -41,6 +41,10 @@ static Reading cost_of_clocks() {
     return {wall[500], cpu[500]};
 }
 
+// Wall time counts, unless processor time says that others ran meanwhile: it is read around wall
+// time, so only then is less of it.
 static int64_t ns_of(const Reading &taken, const Reading &cost) {
-    return std::max<int64_t>(0, std::min(taken.wall - cost.wall, taken.cpu - cost.cpu));
+    const int64_t wall = std::max<int64_t>(0, taken.wall - cost.wall);
+    if (taken.cpu >= taken.wall) return wall;
+    return std::min(wall, std::max<int64_t>(0, taken.cpu - cost.cpu));
 }

@@ -1,5 +1,6 @@
 // Asks Embree and FCL what `rt-tests compare --export DIR` asked ours and parry, and times each
-// question alone: usage `peers DIR`. README.md tells the files.
+// question alone: usage `peers DIR`, or `peers DIR --turns` to be told on standard input when to put
+// which of them. README.md tells the files and the lines.
 
 #include "clocks.h"
 
@@ -11,8 +12,11 @@
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
+#include <functional>
+#include <iostream>
 #include <limits>
 #include <memory>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -60,33 +64,54 @@ static Mesh read_mesh(const std::string &path) {
 // Bytes that are read to sweep a core's own caches, as in rt-tests/src/commands/compare/timing.rs.
 static const size_t SWEPT_BYTES = size_t(4) << 20;
 
-// Puts every question once, in order, and writes the time and the answer of each.
-template <class Ask>
-static void ask_all(const std::string &folder, const std::string &name, size_t count, bool swept, Ask ask) {
-    const Reading cost = cost_of_clocks();
-    std::vector<unsigned char> sweep(swept ? SWEPT_BYTES : 0, 1);
-    volatile unsigned char sink = 0;
-    std::vector<double> out, sorted;
-    for (size_t k = 0; k < count; k++) {
-        unsigned char sum = 0;
-        for (size_t at = 0; at < sweep.size(); at += 64) sum += sweep[at];
-        sink = sum;
-        const Reading from = start();
-        const double answer = ask(k);
-        const int64_t ns = ns_of(taken_since(from), cost);
-        out.push_back(double(ns));
-        out.push_back(answer);
-        sorted.push_back(double(ns));
-    }
+static void sweep() {
+    static const std::vector<unsigned char> bytes(SWEPT_BYTES, 1);
+    static volatile unsigned char sink;
+    unsigned char sum = 0;
+    for (size_t at = 0; at < bytes.size(); at += 64) sum += bytes[at];
+    sink = sum;
     (void)sink;
-    const std::string path = folder + "/" + name + ".answers";
-    FILE *file = std::fopen(path.c_str(), "wb");
-    if (!file || std::fwrite(out.data(), sizeof(double), out.size(), file) != out.size()) fail(path + " cannot be written");
-    std::fclose(file);
-    std::sort(sorted.begin(), sorted.end());
-    if (!sorted.empty())
-        std::fprintf(stderr, "%-34s p50 %8.0f  p99 %8.0f ns\n", name.c_str(), sorted[count / 2], sorted[count * 99 / 100]);
 }
+
+// A library's way to answer the questions of a task, and what it took and answered so far.
+struct Contender {
+    std::string name, task;
+    size_t count;
+    // Whether the caches are swept before each question.
+    bool swept;
+    std::function<double(size_t)> ask;
+    std::vector<double> out{};
+
+    // Puts the questions from first to before last, each timed once, behind as many as `before`
+    // before them: `time_stretch` of timing.rs.
+    void turn(size_t first, size_t last, size_t before) {
+        if (first > last || last > count) fail(name + "." + task + " has no such questions");
+        sweep();
+        for (size_t k = first > before ? first - before : 0; k < std::max<size_t>(first, 1) && k < count; k++) ask(k);
+        const Reading cost = cost_of_clocks();
+        for (size_t k = first; k < last; k++) {
+            if (swept) sweep();
+            const Reading from = start();
+            const double answer = ask(k);
+            out.push_back(double(ns_of(taken_since(from), cost)));
+            out.push_back(answer);
+        }
+    }
+
+    // Writes the time and the answer of each question.
+    void write(const std::string &folder) const {
+        const std::string path = folder + "/" + name + "." + task + ".answers";
+        FILE *file = std::fopen(path.c_str(), "wb");
+        if (!file || std::fwrite(out.data(), sizeof(double), out.size(), file) != out.size() || std::fclose(file) != 0)
+            fail(path + " cannot be written");
+        std::vector<double> sorted;
+        for (size_t k = 0; k < out.size(); k += 2) sorted.push_back(out[k]);
+        std::sort(sorted.begin(), sorted.end());
+        if (!sorted.empty())
+            std::fprintf(stderr, "%-34s p50 %8.0f  p99 %8.0f ns\n", (name + "." + task).c_str(), sorted[sorted.size() / 2],
+                         sorted[sorted.size() * 99 / 100]);
+    }
+};
 
 // The closest point on a triangle by Voronoi regions (Ericson 2005, 5.1.5), in single precision.
 struct Vec {
@@ -186,25 +211,25 @@ struct Scene {
     }
 };
 
-static void ask_embree(const std::string &folder, const Mesh &mesh, const std::vector<double> &tips) {
-    const Scene scene(mesh);
+static void add_embree(std::vector<Contender> &all, const Mesh &mesh, const std::vector<double> &tips) {
+    const auto scene = std::make_shared<const Scene>(mesh);
     const size_t count = tips.size() / 3;
-    auto tip = [&](size_t k) { return Vec{float(tips[3 * k]), float(tips[3 * k + 1]), float(tips[3 * k + 2])}; };
+    const auto tip = [&tips](size_t k) { return Vec{float(tips[3 * k]), float(tips[3 * k + 1]), float(tips[3 * k + 2])}; };
     const float infinite = std::numeric_limits<float>::infinity();
-    ask_all(folder, "embree.closest_path", count, false, [&](size_t k) { return double(scene.nearest(tip(k), infinite).distance); });
+    all.push_back({"embree", "closest_path", count, false, [=](size_t k) { return double(scene->nearest(tip(k), infinite).distance); }});
     for (bool swept : {false, true}) {
         unsigned last = RTC_INVALID_GEOMETRY_ID;
-        const std::string name = swept ? "embree.closest_path_cold" : "embree.closest_path_memory";
-        ask_all(folder, name, count, swept, [&](size_t k) {
+        const auto ask = [=](size_t k) mutable {
             const Vec p = tip(k);
             float known = infinite;
-            if (last != RTC_INVALID_GEOMETRY_ID) known = scene.distance_to(p, last);
+            if (last != RTC_INVALID_GEOMETRY_ID) known = scene->distance_to(p, last);
             // Only what is nearer than the face of the last answer is looked for.
-            const Scene::Found found = scene.nearest(p, known);
+            const Scene::Found found = scene->nearest(p, known);
             if (found.face == RTC_INVALID_GEOMETRY_ID) return double(known);
             last = found.face;
             return double(found.distance);
-        });
+        };
+        all.push_back({"embree", swept ? "closest_path_cold" : "closest_path_memory", count, swept, ask});
     }
 }
 
@@ -246,51 +271,73 @@ static double pairs(const fcl::BVHModel<Box> &mesh, const fcl::BVHModel<Box> &to
     return digest.number();
 }
 
-static void ask_fcl(const std::string &folder, const Mesh &mesh, const std::vector<double> &tips) {
+static void add_fcl(std::vector<Contender> &all, const std::string &folder, const Mesh &mesh, const std::vector<double> &tips) {
     const auto oriented = tree_over<fcl::OBBRSSd>(mesh);
     const auto along_axes = tree_over<fcl::AABBd>(mesh);
     const auto still = fcl::Transform3d::Identity();
     // FCL has no points: the smallest sphere that it takes for one.
-    const fcl::Sphered point(1e-12);
-    ask_all(folder, "fcl.closest_path", tips.size() / 3, false, [&](size_t k) {
+    const auto point = std::make_shared<const fcl::Sphered>(1e-12);
+    all.push_back({"fcl", "closest_path", tips.size() / 3, false, [=, &tips](size_t k) {
         fcl::Transform3d at = still;
         at.translation() = Point(tips[3 * k], tips[3 * k + 1], tips[3 * k + 2]);
         const fcl::DistanceRequestd request;
         fcl::DistanceResultd result;
-        fcl::distance(&point, at, oriented.get(), still, request, result);
+        fcl::distance(point.get(), at, oriented.get(), still, request, result);
         return result.min_distance;
-    });
+    }});
     for (const std::string faces : {"240", "960"}) {
-        const Mesh tool = read_mesh(folder + "/tool" + faces + ".bin");
+        const auto tool = std::make_shared<const Mesh>(read_mesh(folder + "/tool" + faces + ".bin"));
         const std::vector<double> numbers = read_numbers(folder + "/poses" + faces + ".bin");
-        std::vector<fcl::Transform3d> poses;
+        const auto poses = std::make_shared<std::vector<fcl::Transform3d>>();
         for (size_t k = 0; k + 6 < numbers.size(); k += 7) {
             const double *n = &numbers[k];
             fcl::Transform3d pose = fcl::Transform3d::Identity();
             pose.translation() = Point(n[0], n[1], n[2]);
             pose.linear() = fcl::Quaterniond(n[6], n[3], n[4], n[5]).toRotationMatrix();
-            poses.push_back(pose);
+            poses->push_back(pose);
         }
-        const auto given = tree_over<fcl::OBBRSSd>(tool);
-        ask_all(folder, "fcl.tool" + faces + "_pairs", poses.size(), false, [&](size_t k) { return pairs(*oriented, *given, poses[k]); });
-        const auto moved = tree_over<fcl::AABBd>(tool);
-        std::vector<Point> at(tool.vertices.size());
-        ask_all(folder, "fcl_moved.tool" + faces + "_pairs", poses.size(), false, [&](size_t k) {
-            for (size_t v = 0; v < at.size(); v++) at[v] = poses[k] * tool.vertices[v];
+        const std::string task = "tool" + faces + "_pairs";
+        const auto given = tree_over<fcl::OBBRSSd>(*tool);
+        all.push_back({"fcl", task, poses->size(), false, [=](size_t k) { return pairs(*oriented, *given, (*poses)[k]); }});
+        const auto moved = tree_over<fcl::AABBd>(*tool);
+        const auto at = std::make_shared<std::vector<Point>>(tool->vertices.size());
+        all.push_back({"fcl_moved", task, poses->size(), false, [=](size_t k) {
+            for (size_t v = 0; v < at->size(); v++) (*at)[v] = (*poses)[k] * tool->vertices[v];
             moved->beginReplaceModel();
-            moved->replaceSubModel(at);
+            moved->replaceSubModel(*at);
             moved->endReplaceModel(true, true);
             return pairs(*along_axes, *moved, still);
-        });
+        }});
+    }
+}
+
+// Turns as they are told, a line each: `TASK FIRST LAST BEFORE`.
+static void take_turns(std::vector<Contender> &all) {
+    std::cout << "ready" << std::endl;
+    for (std::string line; std::getline(std::cin, line);) {
+        std::istringstream words(line);
+        std::string task;
+        size_t first, last, before;
+        if (!(words >> task >> first >> last >> before)) fail("\"" + line + "\" is no turn");
+        for (Contender &one : all)
+            if (one.task == task) one.turn(first, last, before);
+        std::cout << "done" << std::endl;
     }
 }
 
 int main(int count, char **arguments) {
-    if (count != 2) fail("usage: peers DIR, a folder that `rt-tests compare --export DIR` wrote");
+    const bool told = count == 3 && std::string(arguments[2]) == "--turns";
+    if (count != 2 && !told) fail("usage: peers DIR [--turns], a folder that `rt-tests compare --export DIR` wrote");
     const std::string folder = arguments[1];
     const Mesh mesh = read_mesh(folder + "/mesh.bin");
     const std::vector<double> tips = read_numbers(folder + "/tips.bin");
-    ask_embree(folder, mesh, tips);
-    ask_fcl(folder, mesh, tips);
+    std::vector<Contender> all;
+    add_embree(all, mesh, tips);
+    add_fcl(all, folder, mesh, tips);
+    if (told)
+        take_turns(all);
+    else
+        for (Contender &one : all) one.turn(0, one.count, 0);
+    for (const Contender &one : all) one.write(folder);
     return 0;
 }

@@ -23,7 +23,7 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
     assert_eq!(output.status.code(), Some(status), "{said}");
     let of = |list: &str| found[list].as_array().unwrap().clone();
     let rows: Vec<Value> = of("rows").into_iter().chain(of("growth")).collect();
-    for task in "closest_path closest_path_memory closest_path_cold tool240_pairs tool960_pairs update64 build".split(' ') {
+    for task in "closest_path closest_path_memory closest_path_cold tool240_pairs tool960_pairs update64 build prepare".split(' ') {
         for list in ["rows", "growth"] {
             let is_there = of(list).iter().any(|row| row["task"] == task);
             assert!(is_there, "{list} {task}");
@@ -75,11 +75,23 @@ fn every_contender_answers_alike_and_the_result_is_whole() {
             assert!(number(row, "node_pairs") < 1.1 * rebuilt, "{row}");
         }
     }
+    // Every limit beside parry, on the model and on the shape of growth.
+    limits_are_judged(&of("limits"), 2 * 8);
     for picture in ["compare.svg", "marking.svg", "levels.svg"] {
         let text = std::fs::read_to_string(out.join(picture)).unwrap();
         assert!(text.contains("</svg>"), "{picture}");
     }
     assert!(out.join("compare.json").is_file());
+}
+
+/// Both quantiles of so many limits.
+fn limits_are_judged(limits: &[Value], count: usize) {
+    assert_eq!(limits.len(), count);
+    for limit in limits {
+        let share = number(limit, "share_p50").max(number(limit, "share_p99"));
+        let is_kept = share <= number(limit, "most");
+        assert_eq!(limit["is_kept"], is_kept, "{limit}");
+    }
 }
 
 #[test]

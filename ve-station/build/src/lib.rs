@@ -48,6 +48,7 @@ pub use error::{BuildError, MAX_FACES};
 pub use import::{MeshFormat, is_mesh_file, read_mesh, read_mesh_bytes};
 pub use manifold::{ManifoldMesh, cut_to_manifold};
 pub use mesh::SoupMesh;
+pub use order::in_tree_order;
 pub use progress::{NoProgress, Progress, TerminalProgress};
 pub use write::{
     MeshWriteError, check_room, make_mesh_file, max_spm_bytes, standard_output, try_output,

@@ -2,9 +2,10 @@
 //! through the same points, each once.
 
 use super::full_front::FullFront;
+use super::peers::{Peers, take_turn};
 use super::questions::{FullMesh, Questions};
 use super::row::{Row, Who};
-use super::timing::{Caches, Timed, time_stretch, time_with};
+use super::timing::{Caches, Timed, Turns};
 use crate::failure::Failure;
 use crate::models::Model;
 use crate::models::local_front::LocalFront;
@@ -16,6 +17,7 @@ use hrtc_core::contact::query::closest_point;
 use rand::Rng;
 use spm::Handle;
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// Without any memory of the last answer.
 pub const PATH: &str = "closest_path";
@@ -90,21 +92,37 @@ const REGIMES: [Regime; 3] = [
     },
 ];
 
-/// A row for each contender and regime.
+/// A row for each contender and regime; who is asked by another program answers there.
 ///
 /// # Errors
-/// When a region cannot be loaded.
+/// When a region cannot be loaded, or the program fails.
 pub fn rows(
     model: &Model,
     asked: &Questions,
     front: &FullFront,
     [f32, f64]: [&dyn Mesh; 2],
+    mut peers: Option<&mut Peers<'_>>,
 ) -> Result<Vec<Row>, Failure> {
+    let diagonal = model.file.model_header().diagonal;
+    let tips = &asked.tips;
     let mut rows = Vec::new();
     for regime in REGIMES {
-        let tips = &asked.tips;
+        let turns = Turns {
+            caches: regime.caches,
+            count: tips.len(),
+            length: STRETCH,
+        };
+        let mut local = LocalFront::new(model)?;
+        let mut near = |turn: Range<usize>| -> Result<Timed, Failure> {
+            refine(&mut local, &tips[turn.clone()], REFINED * diagonal)?;
+            let surface = hrtc_core::contact::query::Surface {
+                mesh: local.cache().mesh(),
+                tree: local.cache().tree(),
+            };
+            let mut asker = Asker::new(regime);
+            Ok(turns.one(turn, &mut |k| asker.ask(surface, tips[k])))
+        };
         let mut full = Asker::new(regime);
-        let mut ours = |k: usize| full.ask(front.surface(), tips[k]);
         let parry = |mesh: &dyn Mesh, last: &mut Option<u32>, k: usize| {
             if regime.has_memory {
                 mesh.distance_with_memory(tips[k], last)
@@ -113,19 +131,17 @@ pub fn rows(
             }
         };
         let (mut of_single, mut of_double) = (None, None);
-        let mut timed = time_with(
-            regime.caches,
-            tips.len(),
+        let timed = turns.take(
+            &mut near,
             &mut [
-                &mut ours,
+                &mut |k| full.ask(front.surface(), tips[k]),
                 &mut |k| parry(f32, &mut of_single, k),
                 &mut |k| parry(f64, &mut of_double, k),
             ],
-        );
-        timed.insert(0, local(model, tips, regime)?);
+            &mut |turn| take_turn(&mut peers, regime.task, turn, STRETCH),
+        )?;
         let who = [Who::OursLocal, Who::OursFull, Who::ParryF32, Who::ParryF64];
         rows.extend(who.into_iter().zip(timed).map(|(who, timed)| {
-            let diagonal = model.file.model_header().diagonal;
             let tolerance = TOLERANCES[usize::from(who == Who::ParryF32)] * diagonal;
             let differ = timed.differ(&asked.expected, tolerance);
             Row::new(regime.task, model, who, timed.ns, differ)
@@ -157,30 +173,15 @@ impl Asker {
     }
 }
 
-/// On the front as the controller forms it: refined around where the tip is, coarse elsewhere.
-fn local(model: &Model, tips: &[DVec3], regime: Regime) -> Result<Timed, Failure> {
-    let diagonal = model.file.model_header().diagonal;
-    let mut front = LocalFront::new(model)?;
-    let mut all = Timed::default();
-    for start in (0..tips.len()).step_by(STRETCH) {
-        let stretch = &tips[start..(start + STRETCH).min(tips.len())];
-        let cells: BTreeSet<_> = stretch
-            .iter()
-            .flat_map(|&tip| front.cells_near(tip, 0.0, REFINED * diagonal))
-            .collect();
-        let cells: Vec<_> = cells.into_iter().collect();
-        front.want(&cells)?;
-        front.settle()?;
-        let surface = hrtc_core::contact::query::Surface {
-            mesh: front.cache().mesh(),
-            tree: front.cache().tree(),
-        };
-        let mut asker = Asker::new(regime);
-        let places = start..start + stretch.len();
-        let mut ask = |k: usize| asker.ask(surface, tips[k]);
-        all.extend(time_stretch(regime.caches, places, STRETCH, &mut ask));
-    }
-    Ok(all)
+/// Forms the front as the controller does: refined around some tips, coarse elsewhere.
+fn refine(front: &mut LocalFront<'_>, tips: &[DVec3], reach: f64) -> Result<(), Failure> {
+    let cells: BTreeSet<_> = tips
+        .iter()
+        .flat_map(|&tip| front.cells_near(tip, 0.0, reach))
+        .collect();
+    let cells: Vec<_> = cells.into_iter().collect();
+    front.want(&cells)?;
+    front.settle()
 }
 
 /// Parry's mesh in single precision.

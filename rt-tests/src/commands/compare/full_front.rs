@@ -5,12 +5,15 @@
 //! the order of the tree. (After all splits they are in the order of these: where a query comes to
 //! another place, it then reads other cache lines for each face.)
 
+use super::questions::FullMesh;
 use crate::failure::Failure;
 use crate::models::Model;
 use ab_tree::{AbTree, leaf_key};
 use hrtc_core::contact::query::Surface;
-use spm::{ActiveMesh, Certified, Handle, NONE, OperationFaces};
+use spm::{ActiveMesh, BuildSummary, Certified, Handle, NONE, OperationFaces};
+use spm_builder::{ManifoldMesh, in_tree_order};
 use std::collections::HashMap;
+use std::hint::black_box;
 use std::time::Instant;
 
 /// The full mesh, or a prefix of the sequence as a front.
@@ -22,6 +25,52 @@ pub struct FullFront {
     /// Nanoseconds that it took to put every face into the tree and fit all boxes. No build from
     /// triangles: the leaf codes are in the file, where the builder has ordered the faces.
     pub build_ns: f64,
+}
+
+/// Nanoseconds of all that a tree over triangles takes: ordering the faces, storing the mesh, and
+/// what [`FullFront`] took to put them into the tree and fit the boxes. On one thread, as a library
+/// builds its own; the product orders them once, where it makes the file.
+///
+/// # Errors
+/// When there is no thread for it.
+pub fn build_ns<D: AsRef<[u8]>>(
+    model: &Model<D>,
+    of: &FullMesh,
+    front: &FullFront,
+) -> Result<f64, Failure> {
+    let given = || ManifoldMesh {
+        positions: of
+            .positions
+            .iter()
+            .map(|p| p.as_vec3().to_array())
+            .collect(),
+        triangles: of.faces.clone(),
+        copies: vec![false; of.positions.len()],
+        locked: vec![false; of.positions.len()],
+        summary: BuildSummary::default(),
+    };
+    let (order, store) = (given(), given());
+    let neighbours: Vec<[Handle; 3]> = (0..of.faces.len() as u32)
+        .map(|face| front.mesh.face(face).neighbours)
+        .collect();
+    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build();
+    let alone = alone.map_err(|error| failed(model, &error))?;
+    let ns = alone.install(|| {
+        let start = Instant::now();
+        black_box(in_tree_order(order));
+        let (vertices, faces) = (&store.positions, &store.triangles);
+        let mut mesh = ActiveMesh::new(vertices.len() as u32, faces.len() as u32, 0);
+        for (vertex, &position) in (0u32..).zip(vertices) {
+            mesh.set_base_vertex(vertex, position, Certified::EXACT);
+        }
+        for ((face, &corners), &beside) in (0u32..).zip(faces).zip(&neighbours) {
+            mesh.set_base_face(face, corners, beside)?;
+        }
+        black_box(&mesh);
+        Some(start.elapsed().as_nanos() as f64)
+    });
+    let ns = ns.ok_or_else(|| failed(model, &"a face is damaged"))?;
+    Ok(ns + front.build_ns)
 }
 
 impl FullFront {
@@ -154,6 +203,16 @@ fn failed<D>(model: &Model<D>, error: &dyn std::fmt::Display) -> Failure {
 mod tests {
     use super::*;
     use spm_builder::{BuildOptions, NoProgress, SoupMesh};
+
+    #[test]
+    fn the_time_of_a_build_has_more_than_the_insertion_of_ordered_faces() {
+        let model = crate::models::source::open("relief:3000");
+        let model = model.unwrap_or_else(|error| panic!("{error}"));
+        let front = FullFront::new(&model).unwrap_or_else(|error| panic!("{error}"));
+        let mesh = FullMesh::new(&model);
+        let whole = build_ns(&model, &mesh, &front).unwrap_or_else(|error| panic!("{error}"));
+        assert!(whole > front.build_ns, "{whole} {}", front.build_ns);
+    }
 
     #[test]
     fn the_bytes_of_separate_triangles_hold_three_vertices_for_each() {

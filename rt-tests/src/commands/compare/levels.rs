@@ -260,7 +260,11 @@ pub fn words<'a>(levels: impl Iterator<Item = &'a Level>) -> String {
             grouped(row.p99_ns.round() as u64),
             format!("{:.1}", row.node_pairs),
             format!("{:.1}", row.face_pairs),
-            format!("{:.1}", row.node_pairs_rebuilt),
+            if row.node_pairs_rebuilt > 0.0 {
+                format!("{:.1}", row.node_pairs_rebuilt)
+            } else {
+                String::new()
+            },
         ]);
     }
     format!("\n{table}")

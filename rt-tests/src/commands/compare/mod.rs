@@ -10,7 +10,7 @@
 //! | `levels` | a probe against the coarse, the locally refined and the full mesh |
 //! | `full_front` | nothing: ours over the full mesh, and over prefixes of the sequence |
 //! | `questions` | nothing: what everyone is asked, in memory and as files |
-//! | `peers` | Embree and FCL, by a program of their own |
+//! | `peers` | Embree and FCL, by a program of their own, in the same turns |
 //! | `row`, `limits` | nothing: what one contender took, and what ours may take |
 //! | `picture` | all of it as pictures |
 //! | `timing` | single queries, each timed once, without the time of other processes |
@@ -43,20 +43,24 @@ use crate::report::output::{make_folder, print_either, write_json, write_whole};
 use crate::report::table::Table;
 use crate::report::units::{bytes, grouped};
 use clap::Args;
-use full_front::FullFront;
+use full_front::{FullFront, build_ns};
 use levels::Level;
-use limits::broken;
+use limits::{Judged, broken, judged};
 use marking::{Marking, UpdateShare};
+use peers::Peers;
 use questions::{FullMesh, Questions};
 use rand::SeedableRng;
 use rand_xoshiro::Xoshiro256PlusPlus;
 use row::{Row, Who};
 use scene::ModelSource;
 use serde::Serialize;
+use spm_builder::is_mesh_file;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+use tempfile::TempDir;
 
 /// What is measured when no model is named.
 const DEFAULT_MODEL: &str = "relief:100000";
@@ -111,6 +115,8 @@ pub struct Compare {
     pub levels: Vec<Level>,
     /// The same on the shapes of growing size.
     pub growth_levels: Vec<Level>,
+    /// Where ours is beside every limit, on the models and on the shapes of growing size.
+    pub limits: Vec<Judged>,
     /// What is beyond its limit, in words; empty when all is well.
     pub broken: Vec<String>,
     /// Libraries beside which ours has limits, and which were not asked: these limits are not
@@ -131,6 +137,7 @@ impl Compare {
             update_share: Vec::new(),
             levels: Vec::new(),
             growth_levels: Vec::new(),
+            limits: Vec::new(),
             broken: Vec::new(),
             not_asked: Vec::new(),
             failed: Vec::new(),
@@ -214,7 +221,7 @@ fn measure_all(
     for typed in models {
         check_stop(stop)?;
         eprintln!("{typed}: building");
-        let model = open(typed)?;
+        let (model, whole) = prepared(typed)?;
         check_stop(stop)?;
         eprintln!("{typed}: measuring");
         let export = args.export.as_ref().map(|folder| match models.len() {
@@ -228,7 +235,9 @@ fn measure_all(
         };
         let measured = Measured::new(&model, args.seed, EVERY, &others)?;
         found.broken.extend(broken(&measured.rows));
+        found.limits.extend(judged(&measured.rows));
         found.rows.extend(measured.rows);
+        found.rows.extend(whole);
         found.levels.extend(measured.levels);
         check_stop(stop)?;
         let (marking, update_share) = updates(&model, args.seed)?;
@@ -238,7 +247,7 @@ fn measure_all(
     for faces in GROWTH.into_iter().filter(|&faces| faces <= args.growth) {
         check_stop(stop)?;
         eprintln!("relief of {} faces: building", grouped(faces.into()));
-        let model = open(&format!("relief:{faces}"))?;
+        let (model, whole) = prepared(&format!("relief:{faces}"))?;
         check_stop(stop)?;
         eprintln!("relief of {} faces: measuring", grouped(faces.into()));
         let others = Others {
@@ -248,10 +257,30 @@ fn measure_all(
         };
         let measured = Measured::new(&model, args.seed, EVERY_OF_GROWTH, &others)?;
         found.broken.extend(broken(&measured.rows));
+        found.limits.extend(judged(&measured.rows));
         found.growth.extend(measured.rows);
+        found.growth.extend(whole);
         found.growth_levels.extend(measured.levels);
     }
     Ok(())
+}
+
+/// A model, and what it took from the mesh until the controller can be served: reading or
+/// generating, cleaning, ordering, simplification and the file in memory, on all cores. No row
+/// where there was an SPM file already.
+///
+/// # Errors
+/// One sentence that names it.
+fn prepared(typed: &str) -> Result<(Model, Option<Row>), Failure> {
+    let start = Instant::now();
+    let model = open(typed)?;
+    let ns = start.elapsed().as_nanos() as f64;
+    let is_built = match source(typed)? {
+        (_, ModelSource::File(path)) => is_mesh_file(&path),
+        (_, ModelSource::Generate { .. }) => true,
+    };
+    let row = is_built.then(|| Row::new("prepare", &model, Who::OursLocal, vec![ns], 0));
+    Ok((model, row))
 }
 
 /// # Errors
@@ -270,23 +299,35 @@ struct Others<'a> {
     stop: &'a AtomicBool,
 }
 
+/// The folder with the questions; a temporary one goes with it.
+enum Kept {
+    Chosen(PathBuf),
+    Temporary(TempDir),
+}
+
+impl Kept {
+    fn path(&self) -> &Path {
+        match self {
+            Self::Chosen(folder) => folder,
+            Self::Temporary(folder) => folder.path(),
+        }
+    }
+}
+
 impl Others<'_> {
-    /// Writes the questions if anybody wants them, and asks.
-    fn rows(&self, model: &Model, mesh: &FullMesh, asked: &Questions) -> Result<Vec<Row>, Failure> {
-        if self.program.is_none() && self.export.is_none() {
-            return Ok(Vec::new());
-        }
-        let kept_nowhere = tempfile::tempdir()
-            .map_err(|error| Failure::Run(format!("no temporary folder ({error})")))?;
-        let (chosen, folder) = match &self.export {
-            Some(folder) => (Chosen::EXPORT, folder.as_path()),
-            None => (Chosen::Temporary, kept_nowhere.path()),
+    /// Writes the questions if anybody wants them.
+    fn keep(&self, mesh: &FullMesh, asked: &Questions) -> Result<Option<Kept>, Failure> {
+        let (chosen, kept) = match (&self.export, self.program) {
+            (Some(folder), _) => (Chosen::EXPORT, Kept::Chosen(folder.clone())),
+            (None, Some(_)) => {
+                let folder = tempfile::tempdir()
+                    .map_err(|error| Failure::Run(format!("no temporary folder ({error})")))?;
+                (Chosen::Temporary, Kept::Temporary(folder))
+            }
+            (None, None) => return Ok(None),
         };
-        asked.write(mesh, chosen, folder)?;
-        match self.program {
-            Some(program) => peers::rows(program, folder, model, asked, self.stop),
-            None => Ok(Vec::new()),
-        }
+        asked.write(mesh, chosen, kept.path())?;
+        Ok(Some(kept))
     }
 }
 
@@ -309,12 +350,21 @@ impl Measured {
         let mut double = closest::double(model, &mesh)?;
         let both: [&dyn Mesh; 2] = [&single, &double];
         check_stop(others.stop)?;
-        let mut rows = closest::rows(model, &asked, &front, both)?;
+        let kept = others.keep(&mesh, &asked)?;
+        let mut peers = match (others.program, &kept) {
+            (Some(program), Some(kept)) => {
+                Some(Peers::start(program, kept.path(), &asked, others.stop)?)
+            }
+            _ => None,
+        };
+        let mut rows = closest::rows(model, &asked, &front, both, peers.as_mut())?;
         let both: [&mut dyn Mesh; 2] = [&mut single, &mut double];
         check_stop(others.stop)?;
-        rows.extend(tools::rows(model, &asked, &front, both)?);
+        rows.extend(tools::rows(model, &asked, &front, both, peers.as_mut())?);
         check_stop(others.stop)?;
-        rows.extend(others.rows(model, &mesh, &asked)?);
+        if let Some(peers) = peers {
+            rows.extend(peers.rows(model, &asked)?);
+        }
         check_stop(others.stop)?;
         let levels = levels::levels(model, &full, &front, levels::PROBE, &mut random)?;
         check_stop(others.stop)?;
@@ -326,7 +376,11 @@ impl Measured {
             &mut random,
         ));
         let built = [
-            (Who::OursFull, front.build_ns, front.bytes()),
+            (
+                Who::OursFull,
+                build_ns(model, &mesh, &front)?,
+                front.bytes(),
+            ),
             (Who::ParryF32, single.build_ns, single.bytes()),
             (Who::ParryF64, double.build_ns, double.bytes()),
         ];
@@ -350,8 +404,12 @@ fn updates(model: &Model, seed: u64) -> Result<(Vec<Marking>, Vec<UpdateShare>),
 
 /// What the rows of the table cannot say of themselves.
 const NOTES: &str = "\
-build: ours puts faces into a tree whose order came with the file, made by the builder; a library \
-orders the triangles itself\n\
+build: once, everyone on one thread, from the faces in the order of the file: ours orders them anew, stores \
+the mesh, puts them into the tree and fits the boxes\n\
+prepare: all that the product does once, on all cores, from the mesh to the SPM file that it serves: also \
+cleaning and simplification, of which no library has any\n\
+closest_path*, tool*_pairs: everyone in the same turns of 50 points or 10 poses; before each, the core's \
+caches are swept and as many questions before it are put again, untimed\n\
 tool240_pairs, tool960_pairs: all pairs that meet, anew at each pose; a tick collects the pairs near \
 its tool instead, and keeps them while it moves little\n";
 
@@ -377,7 +435,7 @@ fn words(found: &Compare) -> String {
             },
         ]);
     }
-    let mut text = format!("{table}{NOTES}");
+    let mut text = format!("{table}{NOTES}{}", limits::words(&found.limits));
     text += &marking::words(&found.marking, &found.update_share);
     text += &levels::words(found.levels.iter().chain(&found.growth_levels));
     if let Some(skipped) = levels::skipped(&found.growth_levels) {
@@ -426,13 +484,22 @@ mod tests {
             row.p99_ns = 100.0;
         }
         // The limits beside parry, at two quantiles each.
-        assert_eq!(broken(&rows).len(), 2 * 6);
+        assert_eq!(broken(&rows).len(), 2 * 8);
+        let limits = judged(&rows);
+        assert_eq!(limits.len(), 8);
+        for of in &limits {
+            assert!(
+                of.share_p50 == 1.0 && of.share_p99 == 1.0 && !of.is_kept,
+                "{of:?}"
+            );
+        }
+        assert!(limits::words(&limits).contains("parry f64"));
         rows[0].answers_differ = 1;
-        assert_eq!(broken(&rows).len(), 2 * 6 + 1);
+        assert_eq!(broken(&rows).len(), 2 * 8 + 1);
         for row in rows.iter_mut().filter(|row| row.who == Who::ParryF32) {
             row.p50_ns = f64::NAN;
         }
-        assert_eq!(broken(&rows).len(), 2 * 6 + 1, "what is no number");
+        assert_eq!(broken(&rows).len(), 2 * 8 + 1, "what is no number");
     }
 
     /// What was measured of a model and a task, within its limits.
@@ -463,7 +530,7 @@ mod tests {
         let found = measured().ended(Err(failure())).expect("a row is there");
         let text = words(&found);
         assert!(text.contains("cow.obj"), "{text}");
-        assert!(text.contains("order came with the file"), "{text}");
+        assert!(text.contains("ours orders them anew"), "{text}");
         assert!(text.contains("failed: b.obj: this is no mesh"), "{text}");
         assert_eq!(found.judge(), Err(Failure::Run(failure().to_string())));
         let whole = measured().ended(Ok(())).expect("nothing failed");

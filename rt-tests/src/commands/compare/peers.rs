@@ -1,5 +1,11 @@
-//! Answers of a program that asks further libraries the same questions (`rt-tests/peers`), in the
-//! same minute on the same core.
+//! Further libraries, asked the same questions by a program of their own (`rt-tests/peers`) in the
+//! same turns as ours.
+//!
+//! The program is started once for a model, with a folder of questions. It reads a line for each
+//! turn, `TASK FIRST LAST BEFORE`: it puts the questions from FIRST to before LAST to all of its
+//! libraries that have the task, behind as many as BEFORE before them, untimed, and says `done`.
+//! Before the first it says `ready`: its trees stand. At the end of its input it writes its answers
+//! to the folder.
 
 use super::check_stop;
 use super::closest::{COLD, MEMORY, PATH, TOLERANCES};
@@ -8,9 +14,12 @@ use super::row::{Row, Who};
 use super::timing::Timed;
 use crate::failure::Failure;
 use crate::models::Model;
-use std::io::ErrorKind;
+use std::io::{ErrorKind, Read, Write};
+use std::ops::Range;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
-use std::process::{Command, ExitStatus};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
@@ -23,36 +32,166 @@ const ASKED: [(Who, &str); 3] = [
 
 /// The tasks of closest points.
 const PATHS: [&str; 3] = [PATH, MEMORY, COLD];
-/// Time between two looks at the program.
+/// Time between two looks at the flag that ends the command.
 const LOOK: Duration = Duration::from_millis(50);
+/// The longest line that it may say, bytes.
+const MAX_LINE: usize = 80;
 
-/// Runs the program on a folder of questions and reads what it wrote there: rows of every library
-/// and task that it answered.
+/// The program, while it is asked. It writes into a folder that may be removed when the command is
+/// to end, so it is ended before.
+pub struct Peers<'a> {
+    program: String,
+    folder: &'a Path,
+    child: Child,
+    /// Its input and output.
+    line: Option<UnixStream>,
+    stop: &'a AtomicBool,
+}
+
+impl<'a> Peers<'a> {
+    /// Runs the program on a folder of questions, until it is ready to be asked.
+    ///
+    /// # Errors
+    /// When it does not run, or the command is to end.
+    pub fn start(
+        program: &Path,
+        folder: &'a Path,
+        asked: &Questions,
+        stop: &'a AtomicBool,
+    ) -> Result<Self, Failure> {
+        let tools = asked.tools.iter().map(|tool| tool.task);
+        remove_earlier(folder, PATHS.into_iter().chain(tools))?;
+        let mut command = Command::new(program);
+        command.arg(folder).arg("--turns");
+        Self::run(command, folder, stop)
+    }
+
+    fn run(mut command: Command, folder: &'a Path, stop: &'a AtomicBool) -> Result<Self, Failure> {
+        let program = command.get_program().to_string_lossy().into_owned();
+        check_stop(stop)?;
+        let not_run = |error: std::io::Error| failed(&program, &format!("cannot be run ({error})"));
+        let (line, its) = UnixStream::pair().map_err(not_run)?;
+        line.set_read_timeout(Some(LOOK)).map_err(not_run)?;
+        let input: OwnedFd = its.try_clone().map_err(not_run)?.into();
+        command.stdin(input).stdout(Stdio::from(OwnedFd::from(its)));
+        let child = command.spawn().map_err(not_run)?;
+        // Its ends are closed here, so that its end is seen.
+        drop(command);
+        let mut peers = Self {
+            program,
+            folder,
+            child,
+            line: Some(line),
+            stop,
+        };
+        peers.hear("ready")?;
+        Ok(peers)
+    }
+
+    /// Puts the questions of a turn of a task to all that have it.
+    ///
+    /// # Errors
+    /// When the program fails, or the command is to end.
+    pub fn turn(&mut self, task: &str, turn: Range<usize>, before: usize) -> Result<(), Failure> {
+        let asks = format!("{task} {} {} {before}\n", turn.start, turn.end);
+        let said = match &mut self.line {
+            Some(line) => line.write_all(asks.as_bytes()),
+            None => return Ok(()),
+        };
+        match said {
+            Ok(()) => self.hear("done"),
+            // It reads no more: why is heard at its end.
+            Err(_) => self.hear("done").and(Err(self.failed("reads no more"))),
+        }
+    }
+
+    /// Ends it, and reads what it wrote: rows of every library and task that it answered.
+    ///
+    /// # Errors
+    /// When the program fails, an answer is damaged, or one that a limit asks for is not there;
+    /// when the command is to end.
+    pub fn rows(mut self, model: &Model, asked: &Questions) -> Result<Vec<Row>, Failure> {
+        self.line = None;
+        let status = self.wait()?;
+        if !status.success() {
+            return Err(self.failed(&format!("ended with {status}")));
+        }
+        let failed = |what: &dyn std::fmt::Display| self.failed(&what.to_string());
+        read_rows(self.folder, model, asked, &failed)
+    }
+
+    /// Reads a line, which must be this one.
+    fn hear(&mut self, due: &str) -> Result<(), Failure> {
+        let mut said = Vec::new();
+        while said.last() != Some(&b'\n') && said.len() < MAX_LINE {
+            check_stop(self.stop)?;
+            let mut byte = [0];
+            let heard = match &mut self.line {
+                Some(line) => line.read(&mut byte),
+                None => Ok(0),
+            };
+            match heard.map_err(|error| error.kind()) {
+                Ok(1..) => said.push(byte[0]),
+                // Nothing in the time of a look.
+                Err(ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) => {}
+                Ok(0) | Err(_) => {
+                    let status = self.wait()?;
+                    return Err(self.failed(&format!("ended before it said {due} ({status})")));
+                }
+            }
+        }
+        let said = String::from_utf8_lossy(&said);
+        if said.trim_end() == due {
+            return Ok(());
+        }
+        Err(self.failed(&format!("says \"{}\", not \"{due}\"", said.trim_end())))
+    }
+
+    /// Waits for its end.
+    fn wait(&mut self) -> Result<ExitStatus, Failure> {
+        loop {
+            // First: Ctrl-C in a terminal ends the program, too.
+            check_stop(self.stop)?;
+            match self.child.try_wait() {
+                Ok(Some(status)) => return Ok(status),
+                Ok(None) => std::thread::sleep(LOOK),
+                Err(error) => return Err(self.failed(&format!("is lost ({error})"))),
+            }
+        }
+    }
+
+    fn failed(&self, what: &str) -> Failure {
+        failed(&self.program, what)
+    }
+}
+
+impl Drop for Peers<'_> {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// A turn of who is asked by the program, if there is one.
 ///
 /// # Errors
-/// When it does not run, an answer is damaged, or one is not there that a limit asks for; when the
-/// command is to end.
-pub fn rows(
-    program: &Path,
-    folder: &Path,
-    model: &Model,
-    asked: &Questions,
-    stop: &AtomicBool,
-) -> Result<Vec<Row>, Failure> {
-    let failed = |what: &dyn std::fmt::Display| {
-        Failure::Input(format!(
-            "{}: {what}; build it as rt-tests/peers/README.md says",
-            program.display()
-        ))
-    };
-    let tools = asked.tools.iter().map(|tool| tool.task);
-    remove_earlier(folder, PATHS.into_iter().chain(tools))?;
-    check_stop(stop)?;
-    let status = run(Command::new(program).arg(folder), stop, &failed)?;
-    if !status.success() {
-        return Err(failed(&format!("ended with {status}")));
+/// Those of [`Peers::turn`].
+pub fn take_turn(
+    peers: &mut Option<&mut Peers<'_>>,
+    task: &str,
+    turn: Range<usize>,
+    before: usize,
+) -> Result<(), Failure> {
+    match peers {
+        Some(peers) => peers.turn(task, turn, before),
+        None => Ok(()),
     }
-    read_rows(folder, model, asked, &failed)
+}
+
+fn failed(program: &str, what: &str) -> Failure {
+    Failure::Input(format!(
+        "{program}: {what}; build it as rt-tests/peers/README.md says"
+    ))
 }
 
 /// What went wrong with the program, as a failure.
@@ -101,29 +240,6 @@ fn is_needed(who: Who, task: &str) -> bool {
         Who::Embree => PATHS.contains(&task),
         Who::Fcl => !PATHS.contains(&task),
         _ => false,
-    }
-}
-
-/// Runs a command until it ends. It writes into a folder that is removed when this one is to end,
-/// so it is ended before.
-fn run(
-    command: &mut Command,
-    stop: &AtomicBool,
-    failed: &Failed<'_>,
-) -> Result<ExitStatus, Failure> {
-    let not_run = |error: std::io::Error| failed(&format!("cannot be run ({error})"));
-    let mut child = command.spawn().map_err(not_run)?;
-    loop {
-        // First: Ctrl-C in a terminal ends the program, too.
-        if let Err(ended) = check_stop(stop) {
-            let _ = child.kill();
-            let _ = child.wait();
-            return Err(ended);
-        }
-        if let Some(status) = child.try_wait().map_err(not_run)? {
-            return Ok(status);
-        }
-        std::thread::sleep(LOOK);
     }
 }
 
@@ -185,8 +301,19 @@ mod tests {
     use rand::SeedableRng;
     use rand_xoshiro::Xoshiro256PlusPlus;
 
-    fn failed(what: &dyn std::fmt::Display) -> Failure {
+    fn told(what: &dyn std::fmt::Display) -> Failure {
         Failure::Input(what.to_string())
+    }
+
+    /// A program in the place of the peers, which is given the folder.
+    fn shell<'a>(
+        script: &str,
+        folder: &'a Path,
+        stop: &'a AtomicBool,
+    ) -> Result<Peers<'a>, Failure> {
+        let mut command = Command::new("sh");
+        command.args(["-c", script, "sh"]).arg(folder);
+        Peers::run(command, folder, stop)
     }
 
     #[test]
@@ -197,18 +324,10 @@ mod tests {
         let asked = Questions::new(&model, &full, 1000, random);
         let asked = asked.unwrap_or_else(|error| panic!("{error}"));
         let folder = tempfile::tempdir().expect("a folder");
-        let silent = Path::new("/bin/true");
-        let found = rows(
-            silent,
-            folder.path(),
-            &model,
-            &asked,
-            &AtomicBool::new(false),
-        );
-        let said = found.expect_err("it says nothing");
+        let said = read_rows(folder.path(), &model, &asked, &told).expect_err("it says nothing");
         assert_eq!(said.status(), 2);
         let said = said.to_string();
-        for part in ["embree.closest_path.answers", "Embree", "README"] {
+        for part in ["embree.closest_path.answers", "Embree"] {
             assert!(said.contains(part), "{said}");
         }
 
@@ -223,7 +342,7 @@ mod tests {
         for tool in &asked.tools {
             write(&path("fcl", tool.task), tool.expected.len());
         }
-        let read = || read_rows(folder.path(), &model, &asked, &failed);
+        let read = || read_rows(folder.path(), &model, &asked, &told);
         let found = read().unwrap_or_else(|error| panic!("{error}"));
         assert_eq!(found.len(), PATHS.len() + TOOLS.len());
         // One less of either.
@@ -239,16 +358,79 @@ mod tests {
     }
 
     #[test]
-    fn a_program_is_ended_with_the_command_that_waits_for_it() {
-        let run_until = |program: &str, is_to_end: bool| {
-            let mut command = Command::new(program);
-            run(command.arg("600"), &AtomicBool::new(is_to_end), &failed)
-        };
-        let ended = run_until("sleep", true);
-        assert_eq!(ended, Err(Failure::Run("ended on request".to_string())));
-        let missing = run_until("/nowhere/peers", false);
-        let said = missing.expect_err("there is none").to_string();
+    fn a_program_is_asked_in_turns_and_its_answers_are_read() {
+        let model = open("relief:1000").unwrap_or_else(|error| panic!("{error}"));
+        let full = Surface::new(model.full_triangles());
+        let random = &mut Xoshiro256PlusPlus::seed_from_u64(1);
+        let asked = Questions::new(&model, &full, 1000, random);
+        let asked = asked.unwrap_or_else(|error| panic!("{error}"));
+        let folder = tempfile::tempdir().expect("a folder");
+        let (points, poses) = (asked.expected.len(), asked.tools[0].expected.len());
+        let script = format!(
+            "echo ready\n\
+             while read -r turn; do echo \"$turn\" >> \"$1/turns\"; echo done; done\n\
+             cd \"$1\"\n\
+             for task in {}; do head -c {} /dev/zero > embree.$task.answers; done\n\
+             for task in {} {}; do head -c {} /dev/zero > fcl.$task.answers; done",
+            PATHS.join(" "),
+            16 * points,
+            TOOLS[0].0,
+            TOOLS[1].0,
+            16 * poses
+        );
+        let goes_on = AtomicBool::new(false);
+        let peers = shell(&script, folder.path(), &goes_on);
+        let mut peers = peers.unwrap_or_else(|error| panic!("{error}"));
+        let mut place = Some(&mut peers);
+        for turn in [0..50, 50..100] {
+            assert_eq!(take_turn(&mut place, COLD, turn, 50), Ok(()));
+        }
+        assert_eq!(take_turn(&mut None, COLD, 0..50, 50), Ok(()));
+        let rows = peers.rows(&model, &asked);
+        let rows = rows.unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(rows.len(), PATHS.len() + TOOLS.len());
+        let turns = std::fs::read_to_string(folder.path().join("turns"));
+        let due = format!("{COLD} 0 50 50\n{COLD} 50 100 50\n");
+        assert_eq!(turns.expect("it was asked"), due);
+    }
+
+    #[test]
+    fn a_program_that_fails_is_one_sentence_with_a_remedy() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let goes_on = AtomicBool::new(false);
+        for (script, named) in [
+            ("exit 3", "ended before it said ready (exit status: 3)"),
+            ("echo hello", "says \"hello\", not \"ready\""),
+            (
+                "echo ready; read -r turn; exit 4",
+                "ended before it said done (exit status: 4)",
+            ),
+        ] {
+            let asked = shell(script, folder.path(), &goes_on);
+            let ended = asked.and_then(|mut peers| peers.turn(PATH, 0..50, 50));
+            let said = ended.expect_err("it fails").to_string();
+            assert!(said.contains(named) && said.contains("README"), "{said}");
+        }
+        let nowhere = Command::new("/nowhere/peers");
+        let missing = Peers::run(nowhere, folder.path(), &goes_on);
+        let said = missing
+            .err()
+            .map_or_else(String::new, |error| error.to_string());
         assert!(said.contains("cannot be run"), "{said}");
+    }
+
+    #[test]
+    fn a_program_is_ended_with_the_command_that_waits_for_it() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let stop = AtomicBool::new(false);
+        let ended = || Failure::Run("ended on request".to_string());
+        let script = "echo ready; exec sleep 600";
+        let peers = shell(script, folder.path(), &stop);
+        let mut peers = peers.unwrap_or_else(|error| panic!("{error}"));
+        stop.store(true, std::sync::atomic::Ordering::Relaxed);
+        assert_eq!(peers.turn(PATH, 0..50, 50).err(), Some(ended()));
+        drop(peers);
+        assert_eq!(shell(script, folder.path(), &stop).err(), Some(ended()));
     }
 
     #[test]

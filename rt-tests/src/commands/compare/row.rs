@@ -54,6 +54,17 @@ impl Who {
             Self::FclMoved => "FCL, moved",
         }
     }
+
+    /// The library, whatever its way.
+    pub fn library(self) -> &'static str {
+        match self {
+            Self::OursLocal | Self::OursFull => "ours",
+            Self::ParryF32 | Self::ParryF32Moved => "parry f32",
+            Self::ParryF64 | Self::ParryF64Moved => "parry f64",
+            Self::Embree => "Embree",
+            Self::Fcl | Self::FclMoved => "FCL",
+        }
+    }
 }
 
 /// What one contender took for one task on one model.

@@ -2,6 +2,7 @@
 //! caches what the same query left there.
 
 use crate::clocks::Clocks;
+use crate::failure::Failure;
 use std::hint::black_box;
 use std::ops::Range;
 
@@ -65,11 +66,6 @@ const BEFORE_TURN: usize = 50;
 
 /// Puts `count` queries to each contender, in turns; each is timed once.
 pub fn time(count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
-    time_with(Caches::AsLeft, count, contenders)
-}
-
-/// The same with the caches as asked for.
-pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]) -> Vec<Timed> {
     let mut all = vec![Timed::default(); contenders.len()];
     let before = match contenders.len() {
         1 => 0,
@@ -81,10 +77,57 @@ pub fn time_with(caches: Caches, count: usize, contenders: &mut [&mut Query<'_>]
             for k in first.saturating_sub(before)..first {
                 query(k);
             }
-            timed.extend(time_one(caches, turn.clone(), *query));
+            timed.extend(time_one(Caches::AsLeft, turn.clone(), *query));
         }
     }
     all
+}
+
+/// How queries are put to contenders of which one forms its front anew for some of them, and others
+/// are asked in a program of their own: all in the same short turns, by [`time_stretch`].
+#[derive(Debug, Clone, Copy)]
+pub struct Turns {
+    /// What the caches hold.
+    pub caches: Caches,
+    /// Queries.
+    pub count: usize,
+    /// Queries of a turn, and at most before it.
+    pub length: usize,
+}
+
+/// A turn of a contender that has something to do before it, which is not timed.
+pub type Turn<'a> = dyn FnMut(Range<usize>) -> Result<Timed, Failure> + 'a;
+/// A turn of those who are asked in a program of their own, which times them.
+pub type TurnApart<'a> = dyn FnMut(Range<usize>) -> Result<(), Failure> + 'a;
+
+impl Turns {
+    /// Puts all queries to everyone: what the machine does meanwhile meets all of them. What the
+    /// one that forms fronts took is the first, then the others in their order.
+    ///
+    /// # Errors
+    /// When a front cannot be formed, or the program fails.
+    pub fn take(
+        self,
+        forms_front: &mut Turn<'_>,
+        others: &mut [&mut Query<'_>],
+        apart: &mut TurnApart<'_>,
+    ) -> Result<Vec<Timed>, Failure> {
+        let mut all = vec![Timed::default(); 1 + others.len()];
+        for first in (0..self.count).step_by(self.length) {
+            let turn = first..(first + self.length).min(self.count);
+            all[0].extend(forms_front(turn.clone())?);
+            for (query, timed) in others.iter_mut().zip(&mut all[1..]) {
+                timed.extend(self.one(turn.clone(), *query));
+            }
+            apart(turn)?;
+        }
+        Ok(all)
+    }
+
+    /// A turn of one contender.
+    pub fn one(self, turn: Range<usize>, query: &mut Query<'_>) -> Timed {
+        time_stretch(self.caches, turn, self.length, query)
+    }
 }
 
 /// Puts some queries in a row, each once. The clocks are measured anew: what reading them takes
@@ -142,7 +185,7 @@ mod tests {
             *second += 1;
             if k == 3 { f64::NAN } else { k as f64 + 0.1 }
         };
-        let timed = time_with(Caches::Swept, 10, &mut [&mut right, &mut wrong]);
+        let timed = time(10, &mut [&mut right, &mut wrong]);
         assert_eq!(calls, [10; 2]);
         let expected: Vec<f64> = (0..10).map(f64::from).collect();
         assert_eq!(timed[0].differ(&expected, 0.0), 0);
@@ -174,6 +217,50 @@ mod tests {
             of(0).chain(of(1))
         });
         assert_eq!(*put.borrow(), due.collect::<Vec<_>>());
+    }
+
+    /// A front is formed before its turn; a turn of everyone ends before the next begins.
+    #[test]
+    fn everyone_takes_the_same_short_turns() {
+        let put = std::cell::RefCell::new(Vec::new());
+        let ask = |who: &'static str, k: usize| {
+            put.borrow_mut().push((who, k));
+            k as f64
+        };
+        let turns = Turns {
+            caches: Caches::Swept,
+            count: 5,
+            length: 2,
+        };
+        let timed = turns.take(
+            &mut |turn: Range<usize>| {
+                ask("forms", turn.start);
+                Ok(turns.one(turn, &mut |k| ask("local", k)))
+            },
+            &mut [&mut |k| ask("full", k)],
+            &mut |turn: Range<usize>| {
+                ask("apart", turn.end);
+                Ok(())
+            },
+        );
+        let timed = timed.expect("nothing fails");
+        assert_eq!(timed.len(), 2);
+        for of in &timed {
+            assert_eq!(of.answers, [0.0, 1.0, 2.0, 3.0, 4.0]);
+        }
+        let mut due = Vec::new();
+        // The first of all is put before itself.
+        for (turn, before) in [(0..2, 0..1), (2..4, 0..2), (4..5, 2..4)] {
+            due.push(("forms", turn.start));
+            for who in ["local", "full"] {
+                due.extend(before.clone().chain(turn.clone()).map(|k| (who, k)));
+            }
+            due.push(("apart", turn.end));
+        }
+        assert_eq!(*put.borrow(), due);
+        let fails = || Err(Failure::Run("it ended".to_string()));
+        let ended = turns.take(&mut |_| Ok(Timed::default()), &mut [], &mut |_| fails());
+        assert!(ended.is_err());
     }
 
     #[test]

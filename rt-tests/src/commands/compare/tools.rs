@@ -1,9 +1,10 @@
 //! A tool mesh that touches: all pairs of its faces and the surface's that meet.
 
 use super::full_front::FullFront;
+use super::peers::{Peers, take_turn};
 use super::questions::{Questions, ToolQuestions};
 use super::row::{Row, Who};
-use super::timing::{Caches, Timed, time, time_stretch};
+use super::timing::{Caches, Timed, Turns};
 use crate::failure::Failure;
 use crate::models::local_front::LocalFront;
 use crate::models::{Model, active_triangles};
@@ -14,6 +15,7 @@ use hrtc_core::contact::query::{FacePair, Surface, all_pairs};
 use hrtc_core::contact::tool::{Tool, ToolMesh, capsule_mesh};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
+use std::ops::Range;
 
 /// Radius and length of the capsule, and how deep its tip is, in parts of the diagonal.
 const RADIUS: f64 = 0.015;
@@ -82,15 +84,16 @@ pub fn capsule(model: &Model, (_, around, circles): (&str, usize, usize)) -> (To
     (mesh, length, DEPTH * diagonal)
 }
 
-/// A row for each contender and tool.
+/// A row for each contender and tool; who is asked by another program answers there.
 ///
 /// # Errors
-/// When a region cannot be loaded, or parry refuses a tool.
+/// When a region cannot be loaded, parry refuses a tool, or the program fails.
 pub fn rows(
     model: &Model,
     asked: &Questions,
     front: &FullFront,
     [single, double]: [&mut dyn Mesh; 2],
+    mut peers: Option<&mut Peers<'_>>,
 ) -> Result<Vec<Row>, Failure> {
     let mut rows = Vec::new();
     for ToolQuestions {
@@ -100,28 +103,32 @@ pub fn rows(
         expected,
     } in &asked.tools
     {
+        let turns = Turns {
+            caches: Caches::AsLeft,
+            count: poses.len(),
+            length: STRETCH,
+        };
         let mut tool = new_tool(model, mesh)?;
+        let mut near = NearFront::new(model, mesh)?;
         single.take_tool(&mesh.positions, &mesh.triangles);
         double.take_tool(&mesh.positions, &mesh.triangles);
         let mut out = vec![FacePair::NONE; MAX_PAIRS];
-        let mut ours = |k: usize| ours(front.surface(), &mut tool, &poses[k].to_query, &mut out);
         // One mesh answers for two.
         let (single, double) = (RefCell::new(&mut *single), RefCell::new(&mut *double));
-        let mut timed = time(
-            poses.len(),
+        let timed = turns.take(
+            &mut |turn| near.turn(turns, poses, turn),
             &mut [
-                &mut ours,
+                &mut |k| ours(front.surface(), &mut tool, &poses[k].to_query, &mut out),
                 &mut |k| theirs(&single, &poses[k].pose, ToolPose::Given),
                 &mut |k| theirs(&single, &poses[k].pose, ToolPose::Moved),
                 &mut |k| theirs(&double, &poses[k].pose, ToolPose::Given),
                 &mut |k| theirs(&double, &poses[k].pose, ToolPose::Moved),
             ],
-        );
-        let (near, near_expected) = local(model, mesh, poses)?;
-        timed.insert(0, near);
+            &mut |turn| take_turn(&mut peers, task, turn, STRETCH),
+        )?;
         for (who, timed) in Who::ALL.into_iter().zip(timed) {
             let expected = match who {
-                Who::OursLocal => &near_expected,
+                Who::OursLocal => &near.expected,
                 _ => expected,
             };
             let differ = timed.differ(expected, 0.0);
@@ -135,31 +142,49 @@ pub fn new_tool(model: &Model, mesh: &ToolMesh) -> Result<Tool, Failure> {
     Tool::new(mesh).map_err(|error| Failure::Run(format!("{}: the tool: {error}", model.name)))
 }
 
-/// On the front as the controller forms it; what is expected is found on that front as well.
-fn local(model: &Model, mesh: &ToolMesh, poses: &[Touch]) -> Result<(Timed, Vec<f64>), Failure> {
-    let mut tool = new_tool(model, mesh)?;
-    let mut out = vec![FacePair::NONE; MAX_PAIRS];
-    let mut front = LocalFront::new(model)?;
-    let reach = refined_reach(model);
-    let (mut all, mut expected) = (Timed::default(), Vec::new());
-    for start in (0..poses.len()).step_by(STRETCH) {
-        let stretch = &poses[start..(start + STRETCH).min(poses.len())];
-        refine(stretch, reach, &mut front)?;
+/// A tool on the front as the controller forms it.
+struct NearFront<'a> {
+    front: LocalFront<'a>,
+    reach: f64,
+    tool: Tool,
+    out: Vec<FacePair>,
+    /// What is expected of the poses so far, found on that front as well.
+    expected: Vec<f64>,
+}
+
+impl<'a> NearFront<'a> {
+    fn new(model: &'a Model, mesh: &ToolMesh) -> Result<Self, Failure> {
+        Ok(Self {
+            front: LocalFront::new(model)?,
+            reach: refined_reach(model),
+            tool: new_tool(model, mesh)?,
+            out: vec![FacePair::NONE; MAX_PAIRS],
+            expected: Vec::new(),
+        })
+    }
+
+    /// Refines around the poses of a turn, searches for what is expected, and asks ours.
+    fn turn(
+        &mut self,
+        turns: Turns,
+        poses: &[Touch],
+        turn: Range<usize>,
+    ) -> Result<Timed, Failure> {
+        refine(&poses[turn.clone()], self.reach, &mut self.front)?;
         let surface = Surface {
-            mesh: front.cache().mesh(),
-            tree: front.cache().tree(),
+            mesh: self.front.cache().mesh(),
+            tree: self.front.cache().tree(),
         };
         let (handles, corners) = active_triangles(surface.mesh);
         let faces: Vec<_> = handles.into_iter().zip(corners).collect();
-        for touch in stretch {
-            tool.place(&touch.to_query);
-            expected.push(by_search(&faces, &tool));
+        for touch in &poses[turn.clone()] {
+            self.tool.place(&touch.to_query);
+            self.expected.push(by_search(&faces, &self.tool));
         }
-        let places = start..start + stretch.len();
-        let mut ask = |k: usize| ours(surface, &mut tool, &poses[k].to_query, &mut out);
-        all.extend(time_stretch(Caches::AsLeft, places, STRETCH, &mut ask));
+        let (tool, out) = (&mut self.tool, &mut self.out);
+        let mut ask = |k: usize| ours(surface, tool, &poses[k].to_query, out);
+        Ok(turns.one(turn, &mut ask))
     }
-    Ok((all, expected))
 }
 
 /// Moves the tool and finds all pairs.
