@@ -82,7 +82,7 @@ pub struct Row {
     pub full_share: Option<f64>,
     /// Ticks in contact without a certified bound.
     pub contact_unbounded_ticks: u64,
-    /// Certified error at the contact, metres; none without a contact.
+    /// Certified error at the contact, metres; none without a contact that has one.
     pub certified_error_m: Option<ShortSpread>,
     /// Measured error at the contact, metres; none without a measurement.
     pub measured_error_m: Option<ShortSpread>,
@@ -203,7 +203,8 @@ impl Row {
             contact_full_ticks: r.contact_full_ticks,
             full_share: in_contact.then_some(share),
             contact_unbounded_ticks: r.contact_unbounded_ticks,
-            certified_error_m: in_contact.then_some(r.certified_error_m),
+            certified_error_m: (r.contact_ticks > r.contact_unbounded_ticks)
+                .then_some(r.certified_error_m),
             measured_error_m: (r.measured_errors > 0).then_some(r.measured_error_m),
             heard_ms: above_zero(r.first_heard_ms),
             first_force_ready_ms: above_zero(r.first_force_ready_ms),
@@ -426,6 +427,9 @@ mod tests {
     fn a_touch_over_a_link_counts_the_bytes_on_its_wire() {
         let local = row(result());
         assert_eq!(local.bytes_per_vsp, Some(80.0));
+        let (mut unbounded, is_bounded) = (result(), local.certified_error_m.is_some());
+        unbounded.contact_unbounded_ticks = 1000;
+        assert!(is_bounded && row(unbounded).certified_error_m.is_none());
         let far = row(result()).over(THIN, wire());
         assert_eq!(far.bytes_per_vsp, Some(100.0));
         assert_eq!(far.full_share, Some(0.999));
