@@ -71,12 +71,12 @@ pub struct ZwidthArgs {
     pub json: bool,
 }
 
-/// What is printed as JSON. `simulated` names the fields that were simulated, at the period and
-/// with the delay that were measured.
+/// What is printed as JSON. What is under `simulated` was simulated, and so were the fields that
+/// begin with `k_max` and do not name theory.
 #[derive(Debug, Serialize)]
 pub struct Zwidth {
     /// The stiffest wall that put no more energy out than the device damps, N/m. Simulated.
-    pub k_max_simulated: f64,
+    pub k_max_measured: f64,
     /// ... and in theory.
     pub k_max_theory: f64,
     /// By how much the former may exceed the latter, N/m: what theory leaves out of the motion (its
@@ -89,7 +89,7 @@ pub struct Zwidth {
     /// Damping of the device, N s/m.
     pub damping: f64,
     /// The same against turning, N m/rad.
-    pub k_max_torsion_simulated: f64,
+    pub k_max_torsion_measured: f64,
     /// ...
     pub k_max_torsion_theory: f64,
     /// ...
@@ -121,7 +121,7 @@ pub struct Limit {
     /// N s/m.
     pub damping: f64,
     /// N/m.
-    pub k_max_simulated: f64,
+    pub k_max_measured: f64,
     /// N/m.
     pub k_max_theory: f64,
     /// N/m.
@@ -133,17 +133,17 @@ impl Zwidth {
     fn limits(&self) -> [(&'static str, [f64; 3]); 2] {
         [
             (
-                "k_max_simulated",
+                "k_max_measured",
                 [
-                    self.k_max_simulated,
+                    self.k_max_measured,
                     self.k_max_theory,
                     self.k_max_uncertainty,
                 ],
             ),
             (
-                "k_max_torsion_simulated",
+                "k_max_torsion_measured",
                 [
-                    self.k_max_torsion_simulated,
+                    self.k_max_torsion_measured,
                     self.k_max_torsion_theory,
                     self.k_max_torsion_uncertainty,
                 ],
@@ -334,13 +334,13 @@ fn simulate(
         ..own
     };
     Ok(Zwidth {
-        k_max_simulated: stiffest(&own, 1.0, stop)?,
+        k_max_measured: stiffest(&own, 1.0, stop)?,
         k_max_theory: own.theory(),
         k_max_uncertainty: uncertainty(&own),
         period_s: measured.period_s,
         delay_ticks: measured.delay_ticks(),
         damping: own.damping,
-        k_max_torsion_simulated: stiffest(&slot, torsion, stop)?,
+        k_max_torsion_measured: stiffest(&slot, torsion, stop)?,
         k_max_torsion_theory: slot.theory(),
         k_max_torsion_uncertainty: uncertainty(&slot),
         damping_torsion: slot.damping,
@@ -351,11 +351,11 @@ fn simulate(
         k_max_torsion_with_account: stiffest_with_account(&slot, torsion, stop)?,
         measured,
         simulated: [
-            "k_max_simulated",
-            "k_max_torsion_simulated",
+            "k_max_measured",
+            "k_max_torsion_measured",
             "k_max_with_account",
             "k_max_torsion_with_account",
-            "curve.k_max_simulated",
+            "curve.k_max_measured",
         ],
         curve: Vec::new(),
     })
@@ -374,7 +374,7 @@ fn curve(
         let loaded = plate(measured, device, damping);
         Ok(Limit {
             damping,
-            k_max_simulated: stiffest(&loaded, 1.0, stop)?,
+            k_max_measured: stiffest(&loaded, 1.0, stop)?,
             k_max_theory: loaded.theory(),
             k_max_uncertainty: uncertainty(&loaded),
         })

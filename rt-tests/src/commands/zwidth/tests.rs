@@ -56,12 +56,12 @@ fn the_limit_is_that_of_theory_within_its_uncertainty() {
         let found = found.expect("the walls are there");
         for [measured, theory, uncertainty] in [
             [
-                found.k_max_simulated,
+                found.k_max_measured,
                 found.k_max_theory,
                 found.k_max_uncertainty,
             ],
             [
-                found.k_max_torsion_simulated,
+                found.k_max_torsion_measured,
                 found.k_max_torsion_theory,
                 found.k_max_torsion_uncertainty,
             ],
@@ -78,10 +78,10 @@ fn the_limit_is_that_of_theory_within_its_uncertainty() {
             "{found:?}"
         );
         let above = Zwidth {
-            k_max_torsion_simulated: 2.0 * found.k_max_torsion_theory,
+            k_max_torsion_measured: 2.0 * found.k_max_torsion_theory,
             ..found
         };
-        assert_eq!(above.beyond(), ["k_max_torsion_simulated"]);
+        assert_eq!(above.beyond(), ["k_max_torsion_measured"]);
         assert!(above.judge().is_err());
     }
 }
@@ -89,13 +89,13 @@ fn the_limit_is_that_of_theory_within_its_uncertainty() {
 /// Limits of a device, against moving and against turning: simulated and in theory.
 fn limits([own, own_theory]: [f64; 2], [turning, turning_theory]: [f64; 2]) -> Zwidth {
     Zwidth {
-        k_max_simulated: own,
+        k_max_measured: own,
         k_max_theory: own_theory,
         k_max_uncertainty: 5.0,
         period_s: 1e-3,
         delay_ticks: 0.0,
         damping: 1.0,
-        k_max_torsion_simulated: turning,
+        k_max_torsion_measured: turning,
         k_max_torsion_theory: turning_theory,
         k_max_torsion_uncertainty: 0.05,
         damping_torsion: 1e-4,
@@ -116,9 +116,9 @@ fn a_limit_far_below_theory_is_a_failure() {
     // A hundredth of 2000 N/m and 5 N/m of uncertainty; of 0.2 N m/rad and 0.05.
     assert_eq!(limits([1976.0, 2000.0], turning).judge(), Ok(()));
     for (found, name) in [
-        (limits([1974.0, 2000.0], turning), "k_max_simulated"),
-        (limits([667.0, 2000.0], turning), "k_max_simulated"),
-        (limits(moving, [0.067, 0.2]), "k_max_torsion_simulated"),
+        (limits([1974.0, 2000.0], turning), "k_max_measured"),
+        (limits([667.0, 2000.0], turning), "k_max_measured"),
+        (limits(moving, [0.067, 0.2]), "k_max_torsion_measured"),
     ] {
         let said = found.judge().expect_err("it is below").to_string();
         assert!(
@@ -134,9 +134,9 @@ fn no_wall_where_theory_has_one_is_a_failure_and_none_without_damping_is_not() {
     assert_eq!(limits(moving, turning).judge(), Ok(()));
     assert_eq!(limits([0.0; 2], turning).judge(), Ok(()));
     for (found, name) in [
-        (limits([0.0, 2000.0], turning), "k_max_simulated"),
-        (limits(moving, [0.0, 0.2]), "k_max_torsion_simulated"),
-        (limits([f64::NAN, 2000.0], turning), "k_max_simulated"),
+        (limits([0.0, 2000.0], turning), "k_max_measured"),
+        (limits(moving, [0.0, 0.2]), "k_max_torsion_measured"),
+        (limits([f64::NAN, 2000.0], turning), "k_max_measured"),
     ] {
         let said = found.judge().expect_err("there is no wall").to_string();
         assert!(said.ends_with(&format!(": {name}")), "{said}");

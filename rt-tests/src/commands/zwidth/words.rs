@@ -39,13 +39,13 @@ pub fn words(found: &Zwidth) -> String {
         found.damping,
         found.inertia_kgm2,
         found.damping_torsion,
-        found.k_max_simulated,
+        found.k_max_measured,
         found.k_max_theory,
         found.k_max_uncertainty,
         found.k_max_longest_period_theory,
         at_least(found.k_max_with_account, found.k_max_theory),
         found.k_max_with_account,
-        found.k_max_torsion_simulated,
+        found.k_max_torsion_measured,
         found.k_max_torsion_theory,
         found.k_max_torsion_uncertainty,
         at_least(found.k_max_torsion_with_account, found.k_max_torsion_theory),
@@ -56,13 +56,13 @@ pub fn words(found: &Zwidth) -> String {
     for limit in &found.curve {
         table.row([
             limit.damping.to_string(),
-            format!("{:.0}", limit.k_max_simulated),
+            format!("{:.0}", limit.k_max_measured),
             format!("{:.0}", limit.k_max_theory),
         ]);
     }
     let _ = write!(text, "\n{table}");
     for limit in &found.curve {
-        let [simulated, theory] = [limit.k_max_simulated, limit.k_max_theory];
+        let [simulated, theory] = [limit.k_max_measured, limit.k_max_theory];
         if is_beyond([simulated, theory, limit.k_max_uncertainty]) {
             let _ = writeln!(
                 text,
@@ -82,13 +82,13 @@ pub fn draw(found: &Zwidth) -> String {
         let points = found.curve.iter().map(|limit| (limit.damping, of(limit)));
         Curve::new(label, color, stroke, points)
     };
-    let here = [(found.damping, found.k_max_simulated)];
+    let here = [(found.damping, found.k_max_measured)];
     let curves = vec![
         curve("theory: b / (T/2 + n T)", GREY, Stroke::Line, |limit| {
             limit.k_max_theory
         }),
         curve("simulated long runs", COLORS[0], Stroke::Dots, |limit| {
-            limit.k_max_simulated
+            limit.k_max_measured
         }),
         Curve::new("this device", COLORS[1], Stroke::Dots, here),
     ];
