@@ -1,6 +1,6 @@
 // Asks Embree and FCL what `rt-tests compare --export DIR` asked ours and parry, and times each
-// question alone: usage `peers DIR`, or `peers DIR --turns` to be told on standard input when to put
-// which of them. README.md tells the files and the lines.
+// question alone: usage `peers DIR`, or `peers DIR --turns` to be told on standard input when to
+// put which of them. README.md tells the files and the lines.
 
 #include "clocks.h"
 

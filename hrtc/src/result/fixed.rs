@@ -100,7 +100,8 @@ impl Fixed {
             below += u64::from(of.2);
             below >= wanted
         });
-        found.map_or(0.0, |(row, place, _)| {
+        // None: an empty table, or one of more values than its counts hold.
+        found.map_or(self.max, |(row, place, _)| {
             (largest(row, place) as f64 / self.scale).min(self.max)
         })
     }

@@ -209,7 +209,7 @@ pub fn run_until(
     let mut setup = setup_for(args, &devices).within(args.limits);
     let shared = new_shared(&scene.plan);
     // Before the costs are measured: the C library gives their stack, three times as large as this
-    // one's, to the next thread, which is to be the tick's.
+    // one's, to the next thread, which is to be the recorder's or the tick's: they need as much.
     let watchdog = watch(&devices, &shared, &scene.plan)?;
     setup.costs = room::measure_costs(&scene.plan.loop_, args.slow);
     let controller = Box::new(setup.controller(&mut scene.plan));

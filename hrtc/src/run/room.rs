@@ -326,7 +326,7 @@ mod tests {
             short.contains("of 96 splits") && short.contains("rate_hz"),
             "{short}"
         );
-        // Without anything received a tick would just end in its time.
+        // What every tick does would just fit, but not with what it is allowed on any machine.
         let none = short_of_time(&need(19.0), &plan);
         assert!(none.contains("even without contact"), "{none}");
     }

@@ -116,7 +116,7 @@ struct Recorded {
 ///
 /// # Errors
 /// One sentence: status 2 for a bad scene, 1 when an effect that is not listed costs or changes
-/// anything, or all of them cost too much.
+/// anything, or all of them cost too much or never act.
 pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
     check_seconds(args.seconds)?;
     let found = measure(args)?;
@@ -129,7 +129,7 @@ pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::Run(
-        "an effect costs too much, never acts, or costs or changes something where it is not listed: see the table"
+        "all effects together cost too much or never act, or one costs or changes something where it is not listed: see the table"
             .to_string(),
     ))
 }

@@ -7,8 +7,8 @@ use rt_tests::cases::all;
 use rt_tests::commands::simulate::mutants::checks_of;
 use rt_tests::commands::stability::{Stability, StabilityArgs, run_cases};
 
-/// Seeds, and whether they run with a small cache over a lossy link: the default of the command, and
-/// others, since a case that one seed does not break another may.
+/// Seeds, and whether they run with a small cache over a lossy link: the default of the command,
+/// and others, since a case that one seed does not break another may.
 const RUNS: [(u64, bool); 3] = [(1, false), (2, false), (3, true)];
 
 fn args(seed: u64) -> StabilityArgs {

@@ -242,10 +242,12 @@ impl ProbeObjectPair {
         budget.charge(QueryWork::Search, work);
         self.hint = nearest.map(|nearest| nearest.face);
         let point = nearest.map(|nearest| nearest.closest.point);
+        // Of what is touched a point is known, even where no search has found one yet.
+        let touched = step.contact.map(|contact| contact.point);
         self.nearest = if is_complete {
             point
         } else {
-            self.nearer_of(point, self.nearest)
+            self.nearer_of(point, self.nearest.or(touched))
         };
         if step.contact.is_none() && self.proxy.is_held() {
             let at = |found: Nearest| Contact::at(found.face, found.closest.point);

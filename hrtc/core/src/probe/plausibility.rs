@@ -14,12 +14,13 @@
 //!   components of a rotation vector is wrong by up to `φ / 2`, in both samples.
 //!
 //! The limits widen with n, so a device that was silent may have moved; but a run of rejected or
-//! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples never
-//! makes one of them plausible. Periods that were skipped before this sample, or before a tick
+//! absent samples widens them only up to [`MAX_WIDENED_S`]: a stream of wild samples beyond them
+//! never makes one plausible. Periods that were skipped before this sample, or before a tick
 //! without any while none was rejected, widen them beyond that. A wild sample may pass where they
-//! are wide. So one that strays by more than `a T² + 4 h`, as none does where each of three samples
-//! came in a period, is in *doubt*: the next one is plausible from the course before it, too. Else
-//! the velocity that the wild one gave would exclude the true place. Elsewhere, a device is at a
+//! are wide. So a second sample, and one that strays by more than `a T² + 4 h`, as none does where
+//! each of three samples came in a period, is in *doubt*: the next one is plausible from the course
+//! before it, too. Else the velocity that the wild one gave would exclude the true place. What that
+//! course led to leaves no doubt: it would stay, and grow ever wider. Elsewhere, a device is at a
 //! *new place* only after [`NEW_PLACE_S`] of samples that are plausible after one another, and when
 //! the force on it has ramped down, so that it begins anew from zero. The proxies stay where they
 //! were: between there and the new place may be a surface.
@@ -176,14 +177,16 @@ impl Plausibility {
             });
         };
         let periods = course.age;
-        let mut courses = [Some(course), self.before_doubt].into_iter().flatten();
-        let from = courses.find(|course| self.is_plausible(course, &pose, elapsed));
+        let is_plausible = |of: &Course| self.is_plausible(of, &pose, elapsed);
+        let straight = Some(course).filter(is_plausible);
+        let from = straight.or(self.before_doubt.filter(is_plausible));
         let is_new_place = from.is_none();
         self.course = Some(match from {
             Some(from) => from.led_to(pose),
             None => self.new_place(pose, elapsed, is_free)?,
         });
-        self.before_doubt = from.filter(|from| self.is_in_doubt(from, &pose, elapsed));
+        // What the course before a doubt led to leaves none: that course would grow ever wider.
+        self.before_doubt = straight.filter(|from| self.is_in_doubt(from, &pose, elapsed));
         self.rejected = None;
         Some(Accepted {
             pose,
@@ -228,10 +231,11 @@ impl Plausibility {
                 && turned <= self.limits.angular_speed_rad_per_s * seconds + self.turned_at_rest
     }
 
-    /// Whether it is plausible only since the limits are wide.
+    /// Whether it is plausible only since the limits are wide; or it is the second sample, of which
+    /// no stray is known.
     fn is_in_doubt(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
         let (strays, _) = course.strays(pose, self.widened(course, elapsed));
-        strays > self.may_stray(1.0, 1.0)
+        course.motion.is_none() || strays > self.may_stray(1.0, 1.0)
     }
 }
 
@@ -346,6 +350,37 @@ mod tests {
                     assert!(
                         !is_true || accepted.is_some_and(|of| !of.is_new_place),
                         "{rate_hz} Hz, {jump} m, tick {tick}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn wild_samples_are_not_accepted_after_one_another() {
+        for jump in [0.02, 0.05] {
+            let mut judge = judge();
+            (0..50).for_each(|_| assert!(judge.judge(at(0.0), 1, false).is_some()));
+            let mut wild = |k| judge.judge(at(if k % 2 == 0 { jump } else { -jump }), 1, false);
+            let accepted: Vec<bool> = (0..1000).map(|k| wild(k).is_some()).collect();
+            let both = accepted.windows(2).filter(|of| of[0] && of[1]).count();
+            assert!(both <= 1, "{jump} m: {both}");
+        }
+    }
+
+    #[test]
+    fn a_wild_second_sample_does_not_exclude_the_true_place() {
+        for silent in [0, 4, 8] {
+            for jump in [0.005, 0.05, 0.1] {
+                let mut judge = judge();
+                judge.judge(at(0.0), 1, true);
+                (0..silent).for_each(|_| assert_eq!(judge.judge(None, 1, true), None));
+                judge.judge(at(jump), 1, true);
+                for tick in 0..3 {
+                    let accepted = judge.judge(at(0.0), 1, false);
+                    assert!(
+                        accepted.is_some_and(|of| !of.is_new_place),
+                        "{silent} {jump} {tick}"
                     );
                 }
             }

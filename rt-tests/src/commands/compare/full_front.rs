@@ -205,16 +205,6 @@ mod tests {
     use spm_builder::{BuildOptions, NoProgress, SoupMesh};
 
     #[test]
-    fn the_time_of_a_build_has_more_than_the_insertion_of_ordered_faces() {
-        let model = crate::models::source::open("relief:3000");
-        let model = model.unwrap_or_else(|error| panic!("{error}"));
-        let front = FullFront::new(&model).unwrap_or_else(|error| panic!("{error}"));
-        let mesh = FullMesh::new(&model);
-        let whole = build_ns(&model, &mesh, &front).unwrap_or_else(|error| panic!("{error}"));
-        assert!(whole > front.build_ns, "{whole} {}", front.build_ns);
-    }
-
-    #[test]
     fn the_bytes_of_separate_triangles_hold_three_vertices_for_each() {
         const FACES: u32 = 200;
         let mut mesh = SoupMesh::default();

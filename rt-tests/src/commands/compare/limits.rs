@@ -66,7 +66,7 @@ const LIMITS: [Limit; 16] = [
     limit(
         "update64",
         Who::OursFull,
-        &[("update64", Who::ParryF32), ("update64", Who::ParryF64)],
+        &[("update64", Who::ParryF32)],
         0.4,
     ),
 ];

@@ -266,7 +266,7 @@ fn measure_all(
 }
 
 /// A model, and what it took from the mesh until the controller can be served: reading or
-/// generating, cleaning, ordering, simplification and the file in memory, on all cores. No row
+/// generating, cleaning, ordering, simplification and the file in memory, on all cores that it may run on. No row
 /// where there was an SPM file already.
 ///
 /// # Errors
@@ -406,7 +406,7 @@ fn updates(model: &Model, seed: u64) -> Result<(Vec<Marking>, Vec<UpdateShare>),
 const NOTES: &str = "\
 build: once, everyone on one thread, from the faces in the order of the file: ours orders them anew, stores \
 the mesh, puts them into the tree and fits the boxes\n\
-prepare: all that the product does once, on all cores, from the mesh to the SPM file that it serves: also \
+prepare: all that the product does once, on all cores that it may run on, from the mesh to the SPM file that it serves: also \
 cleaning and simplification, of which no library has any\n\
 closest_path*, tool*_pairs: everyone in the same turns of 50 points or 10 poses; before each, the core's \
 caches are swept and as many questions before it are put again, untimed\n\

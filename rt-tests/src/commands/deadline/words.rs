@@ -54,14 +54,20 @@ fn missing_rights(rows: &[Row]) -> Option<String> {
 /// All seeds of a scene at one F, which are never none.
 struct Summary<'a> {
     rows: &'a [Row],
-    certified_p99_m: f64,
+    /// None where no contact has one.
+    certified_p99_m: Option<f64>,
 }
 
 impl<'a> Summary<'a> {
     fn new(rows: &'a [Row]) -> Self {
+        let bounded = |row: &&Row| row.contact_ticks > row.contact_unbounded_ticks;
+        let certified = rows
+            .iter()
+            .filter(bounded)
+            .map(|row| row.certified_error_m.p99);
         Self {
             rows,
-            certified_p99_m: most(rows, |row| row.certified_error_m.p99),
+            certified_p99_m: certified.reduce(max_or_nan),
         }
     }
 
@@ -78,10 +84,8 @@ impl<'a> Summary<'a> {
             sum(|row| row.units_over_budget_ticks).to_string(),
             percent(sum(|row| row.contact_full_ticks), contact),
             // A bound of nothing is none, and not 0.
-            match contact.saturating_sub(sum(|row| row.contact_unbounded_ticks)) {
-                0 => "none".to_string(),
-                _ => length(self.certified_p99_m),
-            },
+            self.certified_p99_m
+                .map_or_else(|| "none".to_string(), length),
             match sum(|row| row.measured_errors) {
                 0 => "none".to_string(),
                 _ => length(most(rows, |row| row.measured_error_m.p99)),
@@ -110,8 +114,11 @@ fn odd(summaries: &[Summary<'_>]) -> Vec<String> {
         let [faster, slower] = [&before.rows[0], &after.rows[0]];
         (faster.scene == slower.scene
             && slower.slow > faster.slow
-            && after.certified_p99_m < before.certified_p99_m)
-            .then_some([faster, slower])
+            && after
+                .certified_p99_m
+                .zip(before.certified_p99_m)
+                .is_some_and(|(after, before)| after < before))
+        .then_some([faster, slower])
     });
     odd.map(|[faster, slower]| {
         format!(
@@ -295,6 +302,10 @@ pub(super) mod tests {
         };
         assert_eq!(words(&found).matches("is smaller than").count(), 1);
         found.rows[3].certified_error_m.p99 = 2e-3;
+        assert_eq!(words(&found).matches("is smaller than").count(), 0);
+        // An error of nothing is none, and not 0.
+        found.rows[3].contact_unbounded_ticks = found.rows[3].contact_ticks;
+        found.rows[3].certified_error_m.p99 = 0.0;
         assert_eq!(words(&found).matches("is smaller than").count(), 0);
     }
 

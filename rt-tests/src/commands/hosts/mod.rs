@@ -30,12 +30,12 @@
 //! 0), then comes one a link; with several controllers one for each alone, then one for each among
 //! all (`controllers` is their number). `full_share`, `certified_error_m`, `measured_error_m`,
 //! `heard_ms`, `first_force_ready_ms`, `first_touch_ms`, `local_full_ms` and `bytes_per_vsp` are
-//! null where there is none: nothing was touched, nothing came. `local_full_ms` is the time from
-//! the first tick in contact to the first in contact at full resolution. Bytes and packets of
-//! `wire` are those of IP, of everything that the two hosts said to each other from the start of
-//! the station to its end: greeting, encryption and repetitions too; `link_bytes` has those of the
-//! messages alone, by kind. `cut` is null where no link was cut, `refused` empty where nobody came.
-//! `failed` has what came to no result: touches, and a part that failed, with which the command
+//! null where there is none: nothing was touched, no contact has a certified error, nothing came.
+//! `local_full_ms` is the time from the first tick in contact to the first in contact at full
+//! resolution. Bytes and packets of `wire` are those of IP, of everything that the two hosts said
+//! to each other from the start of the station to its end: greeting, encryption and repetitions
+//! too; `link_bytes` has those of the messages alone, by kind. `cut` is null where no link was cut,
+//! `refused` empty where nobody came. `failed` has what came to no result: touches, and a part that failed, with which the command
 //! ends; what was measured before it is there all the same.
 
 mod alone;

@@ -234,6 +234,7 @@ mod tests {
             seed: 1,
             full: false,
             rate_hz: 1e3,
+            small_lossy: false,
             cases: Vec::new(),
             step_times: Vec::new(),
             mutants,

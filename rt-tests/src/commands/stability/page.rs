@@ -95,8 +95,13 @@ fn summary(found: &Stability) -> String {
     let open = cases.iter().filter(|case| !case.pass && !case.fails());
     let (all, open) = (cases.len(), open.count());
     let beyond = all - pass - open;
+    let but = if found.small_lossy {
+        "but for these and "
+    } else {
+        "but "
+    };
     format!(
-        "{pass} of {all} cases keep to their limit, {open} are known not to (open), {beyond} are beyond it: {run}, seed {seed}. The real controller runs in virtual time on the product's defaults, but where a case says otherwise; the loop is closed by a simulated device of 0.1 kg and 1 N s/m."
+        "{pass} of {all} cases keep to their limit, {open} are known not to (open), {beyond} are beyond it: {run}, seed {seed}. The real controller runs in virtual time on the product's defaults, {but}where a case says otherwise; the loop is closed by a simulated device of 0.1 kg and 1 N s/m."
     )
 }
 

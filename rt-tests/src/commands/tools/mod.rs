@@ -314,7 +314,10 @@ fn table(found: &Tools) -> String {
             format!("{:.2}", row.force_n.p99),
             format!("{:.3}", row.force_step_n_max),
             format!("{:.3}", row.reference_step_n_max),
-            format!("{:.3}", row.step_beyond_n_max),
+            match row.step_beyond_n_max {
+                0.0 => "0".to_string(),
+                beyond => format!("{beyond:.1e}"),
+            },
             format!("{:.0}", row.units.p50),
             format!("{:.0}", row.units.p99),
             row.broken().join(", "),
