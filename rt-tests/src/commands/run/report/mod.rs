@@ -4,7 +4,7 @@
 mod page;
 
 use crate::machine::{Machine, right_words};
-use crate::report::units::{bytes, grouped, length, percent, percent_of};
+use crate::report::units::{bytes, digits, grouped, length, percent, percent_of};
 use hrtc::result::{Finished, RunResult, ShortSpread, Spread};
 use hrtc_core::Capacity;
 use scene::{Effect, RefinementPlan, ScenePlan, TrajectoryPlan};
@@ -70,9 +70,14 @@ impl Report<'_> {
             0 => String::new(),
             seed => format!(", seed {seed}"),
         };
+        let model = if r.objects > 1 {
+            "first model"
+        } else {
+            "model"
+        };
         vec![
             format!(
-                "scene {}, model {} ({} faces), {:.1} s{seed}",
+                "scene {}, {model} {} ({} faces), {:.1} s{seed}",
                 r.scene,
                 r.model,
                 grouped(r.faces),
@@ -118,6 +123,9 @@ impl Report<'_> {
             percent_of(r.force_withheld.p99),
             percent_of(r.force_withheld.max)
         ));
+        if r.torque_nm_max > 0.0 {
+            lines.push(format!("torque max {} mN m", digits(1e3 * r.torque_nm_max)));
+        }
         if r.contact_offset_m > 0.0 {
             lines.push(format!(
                 "a tool's contacts act {} off the surface: it feels thicker by that",
@@ -173,7 +181,7 @@ impl Report<'_> {
         }
         if r.objects > 1 {
             lines.push(format!(
-                "{} objects, at most {} of them awake at once (p50 {}, max {}); the others cost p50 {:.1}, p99 {:.1}, max {:.1} µs a tick",
+                "{} objects, of which {} can be awake at once and p50 {}, max {} were; the others cost p50 {:.1}, p99 {:.1}, max {:.1} µs a tick",
                 grouped(r.objects),
                 r.active_objects_max,
                 r.awake.p50,
@@ -202,7 +210,8 @@ impl Report<'_> {
             .iter()
             .take(MAX_MOVED)
             .map(|moved| {
-                let [x, y, z] = moved.position_m;
+                // As it is written, and 0 without a sign.
+                let [x, y, z] = moved.position_m.map(|m| (1e4 * m).round() / 1e4 + 0.0);
                 format!(
                     "object {}: awake for {} tick(s), at most {} from its place; in the end at ({x:.4}, {y:.4}, {z:.4}) m, turned by {:.1}°",
                     moved.object,
@@ -246,7 +255,7 @@ impl Report<'_> {
         let mut lines = vec![if rings.is_empty() {
             asked
         } else {
-            format!("{asked}; rings around it for {rings}")
+            format!("{asked}; rings around it{} for {rings}", self.of_first())
         }];
         if r.contact_ticks == 0 {
             return lines;
@@ -278,6 +287,14 @@ impl Report<'_> {
         lines
     }
 
+    /// Of what a figure is that is of one object, in a scene of several.
+    fn of_first(&self) -> &'static str {
+        match self.finished.result.objects {
+            0 | 1 => "",
+            _ => " (of the first object that was awake at the end)",
+        }
+    }
+
     fn capacity(&self) -> Vec<String> {
         let line = |c: &Capacity| {
             format!(
@@ -293,12 +310,15 @@ impl Report<'_> {
 
     fn resolution(&self) -> Vec<String> {
         let r = &self.finished.result;
+        let of = match r.objects {
+            0 | 1 => format!("of {}", grouped(r.faces)),
+            _ => "of all objects that were awake".to_string(),
+        };
         let mut lines = vec![format!(
-            "{} of the contact at full resolution; refined faces p50 {}, max {} of {}",
+            "{} of the contact at full resolution; refined faces p50 {}, max {} {of}",
             percent(r.contact_full_ticks, r.contact_ticks),
             grouped(r.refined_faces.p50 as u64),
-            grouped(r.refined_faces.max as u64),
-            grouped(r.faces)
+            grouped(r.refined_faces.max as u64)
         )];
         let bounded = r.contact_ticks.saturating_sub(r.contact_unbounded_ticks);
         lines.push(format!(
@@ -322,13 +342,18 @@ impl Report<'_> {
     fn greatest_speed(&self) -> String {
         let greatest = self.finished.result.greatest_speed_m_per_s;
         let mut line = format!(
-            "greatest speed at full resolution: {greatest:.3} m/s for this model at its size ({} operations a tick)",
+            "greatest speed at full resolution{}: {greatest:.3} m/s for this model at its size ({} operations a tick)",
+            self.of_first(),
             self.plan.loop_.operations
         );
-        let probe = self.plan.probes.first();
-        if let Some(TrajectoryPlan::Tour { speed_m_per_s, .. }) = probe.map(|p| &p.trajectory) {
+        let probes = self.plan.probes.iter();
+        let tours = probes.filter_map(|probe| match probe.trajectory {
+            TrajectoryPlan::Tour { speed_m_per_s, .. } => Some(speed_m_per_s),
+            TrajectoryPlan::Points(_) => None,
+        });
+        if let Some(speed_m_per_s) = tours.reduce(f64::max) {
             let _ = write!(line, "; the tour goes at {speed_m_per_s} m/s");
-            if *speed_m_per_s > greatest {
+            if speed_m_per_s > greatest {
                 line.push_str(", so resolution follows speed");
             }
         }
@@ -354,7 +379,7 @@ impl Report<'_> {
                 grouped(r.rejected_folds)
             ),
             format!(
-                "{} received, {} of them before the first touch; the whole mesh would be {}",
+                "{} received, {} of them before the first touch; all meshes whole would be {}",
                 bytes(r.bytes_received),
                 bytes(r.bytes_to_first_touch),
                 bytes(r.bytes_full_mesh)

@@ -52,7 +52,7 @@ impl Report<'_> {
             let _ = writeln!(body, "<tr><th>{name}</th><td>{cell}</td></tr>");
         }
         body.push_str(
-            "</table>\n<p>Every point of a curve is the worst tick of its stretch of time; a grey ground means contact. All numbers are in result.json.</p>\n",
+            "</table>\n<p>A point of a curve is the largest number of its stretch of time; of missed periods it is their sum, of full resolution the share of the ticks in contact. A grey ground means contact. All numbers are in result.json.</p>\n",
         );
         if self.picture.is_some() {
             let _ = writeln!(
@@ -127,9 +127,12 @@ impl Report<'_> {
         vec![times, missed]
     }
 
-    fn resolution_charts(&self) -> Vec<Chart> {
-        let in_contact =
-            |bucket: &SeriesBucket, value: f64| (bucket.contact_ticks > 0).then_some(value);
+    pub(super) fn resolution_charts(&self) -> Vec<Chart> {
+        // Where nothing is touched there is no number, which breaks the line.
+        let in_contact = |bucket: &SeriesBucket, value: f64| match bucket.contact_ticks {
+            0 => Some(f64::NAN),
+            _ => Some(value),
+        };
         let faces = self.curve("faces", COLORS[0], Stroke::Line, |b| {
             Some(b.refined_faces as f64)
         });

@@ -6,6 +6,7 @@ use geometry::Wrench;
 use hrtc::result::{Accumulator, RunMeta};
 use hrtc::tick_record::{STAGES, TickRecord};
 use hrtc_core::Capacity;
+use hrtc_core::bodies::MovedObject;
 use hrtc_core::record::CoreRecord;
 use realtime::pacer::Miss;
 use scene::{MAX_PROBES, NoFiles, Overrides, parse};
@@ -54,10 +55,14 @@ fn finished(contact: bool) -> Finished {
     finished
 }
 
+fn plan() -> ScenePlan {
+    let scene = include_str!("../../../../../config/scenes/first-touch.toml");
+    parse(scene, "s", Path::new(""), &Overrides::default(), &NoFiles).unwrap()
+}
+
 #[test]
 fn a_report_is_written_whole_and_its_pictures_stand_in_it_and_beside_it() {
-    let scene = include_str!("../../../../../config/scenes/first-touch.toml");
-    let plan = parse(scene, "s", Path::new(""), &Overrides::default(), &NoFiles).unwrap();
+    let plan = plan();
     let folder = tempfile::tempdir().unwrap();
     let machine = Machine::read();
     for contact in [true, false] {
@@ -124,6 +129,64 @@ fn contact_is_banded_where_it_was() {
         assert!((from - (index as f64 + 0.4)).abs() < 0.01);
         assert!((to - (index as f64 + 1.0)).abs() < 0.01);
     }
+}
+
+#[test]
+fn where_nothing_is_touched_no_error_and_no_resolution_is_drawn() {
+    let (plan, finished, machine) = (plan(), finished(true), Machine::read());
+    let report = Report {
+        plan: &plan,
+        finished: &finished,
+        machine: &machine,
+        notes: &[],
+        picture: None,
+    };
+    let charts = report.resolution_charts();
+    for curve in charts[1..].iter().map(|chart| &chart.curves[0]) {
+        assert_eq!(curve.points.len(), finished.series.len(), "{}", curve.label);
+        for ((_, height, _), bucket) in curve.points.iter().zip(&finished.series) {
+            assert_eq!(height.is_nan(), bucket.contact_ticks == 0, "{bucket:?}");
+        }
+    }
+}
+
+#[test]
+fn figures_of_several_objects_are_not_said_of_the_first() {
+    let (plan, mut finished, machine) = (plan(), finished(true), Machine::read());
+    let r = &mut finished.result;
+    (r.faces, r.objects, r.active_objects_max) = (20_022, 4, 3);
+    r.torque_nm_max = 1.5e-3;
+    r.moved = vec![MovedObject {
+        object: 1,
+        position_m: [0.2, -0.0, -4e-5],
+        orientation_wxyz: [1.0, 0.0, 0.0, 0.0],
+        turned_rad: 0.0,
+        farthest_m: 0.01,
+        awake_ticks: 7,
+    }];
+    let report = Report {
+        plan: &plan,
+        finished: &finished,
+        machine: &machine,
+        notes: &[],
+        picture: None,
+    };
+    let words = report.words();
+    assert!(
+        words.contains("max 0 of all objects that were awake"),
+        "{words}"
+    );
+    assert!(
+        words.contains("4 objects, of which 3 can be awake"),
+        "{words}"
+    );
+    assert_eq!(
+        words.matches("(of the first object that was awake").count(),
+        2
+    );
+    assert!(words.contains("first model m&n (20"), "{words}");
+    assert!(words.contains("at (0.2000, 0.0000, 0.0000) m"), "{words}");
+    assert!(words.contains("torque max 1.5 mN m"), "{words}");
 }
 
 #[test]
