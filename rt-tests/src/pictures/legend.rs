@@ -44,7 +44,7 @@ pub fn force_scale(largest_n: f64) -> ColorScale {
 pub const HEIGHT: u32 = 58;
 const SWATCH: u32 = 14;
 const GAP: u32 = 6;
-/// The colour scale of forces: width and steps.
+/// Width of the colour scale of forces.
 const SCALE_WIDTH: u32 = 220;
 
 /// Writes the legend below a picture.
@@ -54,11 +54,13 @@ pub fn write(canvas: &mut Canvas, top: u32, scale: &ColorScale) {
             (of_fineness(Fineness::Original), "original faces"),
             (of_fineness(Fineness::Refined), "refined"),
             (of_fineness(Fineness::Base), "base mesh"),
+            (FREE, "path in free space"),
         ],
         [
             (DEVICE, "device"),
             (PROXY, "proxy, held outside"),
             (FORCE, "force on the hand"),
+            (NORMAL, "normal"),
         ],
     ];
     let width = canvas.width();
@@ -71,11 +73,10 @@ pub fn write(canvas: &mut Canvas, top: u32, scale: &ColorScale) {
             left += 190;
         }
     }
-    let left = 16 + 3 * 190;
-    canvas.fill(left, top + 32, SWATCH, SWATCH, NORMAL);
-    let at = (left + SWATCH + GAP, top + 32);
-    canvas.write(at, Align::Left, Size::Small, INK, "normal");
-    write_scale(canvas, width - SCALE_WIDTH - 40, top, scale);
+    // Of a recording without a touch no path has a colour.
+    if scale.largest > 0.0 {
+        write_scale(canvas, width - SCALE_WIDTH - 40, top, scale);
+    }
 }
 
 fn write_scale(canvas: &mut Canvas, left: u32, top: u32, scale: &ColorScale) {

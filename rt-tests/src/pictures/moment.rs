@@ -77,6 +77,8 @@ pub struct ShownProbe {
     pub touch: Option<Touch>,
     /// Force on the hand, newtons.
     pub force: DVec3,
+    /// Torque on the hand, newton metres.
+    pub torque: DVec3,
 }
 
 impl ShownProbe {
@@ -277,5 +279,6 @@ fn shown_probe(
         proxy: object.and_then(|object| controller.proxy_pose_of(probe, object)),
         touch,
         force: record.wrenches[probe].force,
+        torque: record.wrenches[probe].torque,
     }
 }

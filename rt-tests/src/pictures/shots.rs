@@ -7,9 +7,7 @@ use super::sight::upwards;
 use super::touch_picture::{TouchPicture, Views};
 use super::trail::{TRAIL_S, Trails};
 use crate::failure::Failure;
-use crate::report::units::grouped;
 use picture::Canvas;
-use scene::ModelSource;
 use std::ops::ControlFlow;
 
 /// A film shows this much before and after its moment, seconds, with so many pictures a second.
@@ -25,22 +23,13 @@ const TURN: f64 = 0.35;
 #[derive(Debug)]
 pub struct Shots<'a> {
     playback: &'a Playback,
-    title: String,
 }
 
 impl<'a> Shots<'a> {
-    /// Shots of a recording, under the names of its scene and first model.
+    /// Shots of a recording.
     #[must_use]
     pub fn new(playback: &'a Playback) -> Self {
-        let plan = &playback.plan;
-        let model = plan.objects.first().map(|object| match &object.model {
-            ModelSource::Generate { shape, faces } => {
-                format!("{shape} of {} faces", grouped(u64::from(*faces)))
-            }
-            file => file.name(),
-        });
-        let title = format!("{}, {}", plan.name, model.unwrap_or_default());
-        Self { playback, title }
+        Self { playback }
     }
 
     /// The picture of a tick, and the tick that it shows: the next one where the run skipped it.
@@ -128,7 +117,6 @@ impl<'a> Shots<'a> {
                 shown.get_or_insert(record.tick);
                 show(&TouchPicture {
                     plan,
-                    title: &self.title,
                     moment: &Moment::new(plan, record, twin),
                     bodies: &bodies,
                     paths: &trails.paths(),

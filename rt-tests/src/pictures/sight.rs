@@ -17,7 +17,7 @@ const MIN_RADII: f64 = 5.0;
 const MIN_EXTENT: f64 = 0.8;
 const MAX_SHARE: f64 = 0.3;
 /// A close-up looks so far above the contact, half widths: there the force is.
-const RAISED: f64 = 0.15;
+pub const RAISED: f64 = 0.15;
 /// Length of the arrow of a normal, half widths of the picture.
 pub const NORMAL_LENGTH: f64 = 0.8;
 /// Fits of an overview that has room for its arrows, whose length follows from the fit: each is off

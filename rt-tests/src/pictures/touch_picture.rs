@@ -7,7 +7,7 @@ use super::trail::PathPoint;
 use crate::report::units::{digits, grouped, length};
 use geometry::Pose;
 use picture::{Align, Camera, Canvas, Color, ColorScale, Size, Solids, render};
-use scene::ScenePlan;
+use scene::{ModelSource, ScenePlan};
 
 /// Size of a picture, pixels: as wide as a page of text.
 const WIDTH: u32 = 1100;
@@ -35,8 +35,6 @@ const BAR: f64 = 0.25;
 pub struct TouchPicture<'a> {
     /// The scene as it ran.
     pub plan: &'a ScenePlan,
-    /// Name of the run.
-    pub title: &'a str,
     /// The moment.
     pub moment: &'a Moment,
     /// Bodies of the probes.
@@ -94,18 +92,11 @@ impl TouchPicture<'_> {
         self.write_title(&mut canvas);
         let whole = self.panel(&views.overview, OVERVIEW, PANELS, true);
         canvas.paste(&whole, 0, TITLE);
-        let (left, width) = (OVERVIEW + GAP, WIDTH - OVERVIEW - GAP);
-        // One fills the place, two share its height, three and four are a square.
-        let columns = if views.close_ups.len() > 2 { 2 } else { 1 };
-        let rows = (views.close_ups.len() as u32).div_ceil(columns).max(1);
-        let size = [
-            (width - GAP * (columns - 1)) / columns,
-            (PANELS - GAP * (rows - 1)) / rows,
-        ];
+        let (columns, size) = close_up_panels(views.close_ups.len() as u32);
         for (place, (k, camera)) in (0u32..).zip(&views.close_ups) {
             let mut panel = self.panel(camera, size[0], size[1], false);
             self.write_touch(&mut panel, *k);
-            let x = left + place % columns * (size[0] + GAP);
+            let x = OVERVIEW + GAP + place % columns * (size[0] + GAP);
             let y = TITLE + place / columns * (size[1] + GAP);
             canvas.paste(&panel, x, y);
         }
@@ -115,11 +106,13 @@ impl TouchPicture<'_> {
 
     fn write_title(&self, canvas: &mut Canvas) {
         let moment = self.moment;
-        let force = moment.probes[moment.strongest()].force.length();
+        let probe = &moment.probes[moment.strongest()];
+        let object = probe.touch.as_ref().map_or(0, |touch| touch.object);
         let title = format!(
-            "{}: {} N at {:.2} s",
-            self.title,
-            digits(force),
+            "{}, {}: {} N at {:.2} s",
+            self.plan.name,
+            model_words(&self.plan.objects[object].model),
+            digits(probe.force.length()),
             moment.seconds
         );
         canvas.write((16, 8), Align::Left, Size::Large, INK, &title);
@@ -159,9 +152,13 @@ impl TouchPicture<'_> {
                 };
                 let force = digits(probe.force.length());
                 let depth = length(touch.depth_m);
+                let torque = match probe.torque.length() {
+                    0.0 => String::new(),
+                    nm => format!("{} mN m, ", digits(1e3 * nm)),
+                };
                 vec![
                     format!("{name}{force} N{of}, "),
-                    format!("{depth} deep, "),
+                    format!("{torque}{depth} deep, "),
                     error,
                 ]
             }
@@ -241,6 +238,28 @@ impl TouchPicture<'_> {
     }
 }
 
+/// Columns of so many close-ups, and the width and height of each, pixels: one fills the place, two
+/// are beside each other, three and four are a square, so that none is too flat for its arrows.
+fn close_up_panels(count: u32) -> (u32, [u32; 2]) {
+    let (width, columns) = (WIDTH - OVERVIEW - GAP, count.clamp(1, 2));
+    let rows = count.div_ceil(columns).max(1);
+    let size = [
+        (width - GAP * (columns - 1)) / columns,
+        (PANELS - GAP * (rows - 1)) / rows,
+    ];
+    (columns, size)
+}
+
+/// A model in words.
+fn model_words(model: &ModelSource) -> String {
+    match model {
+        ModelSource::Generate { shape, faces } => {
+            format!("{shape} of {} faces", grouped(u64::from(*faces)))
+        }
+        file => file.name(),
+    }
+}
+
 /// Parts of a text as lines that are no wider than so many pixels where they can be.
 fn lines(parts: Vec<String>, width: u32) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
@@ -292,7 +311,21 @@ fn round_below(number: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sight::RAISED;
     use super::*;
+    use scene::MAX_PROBES;
+
+    #[test]
+    fn an_arrow_of_the_greatest_force_ends_within_its_panel() {
+        for count in 1..=MAX_PROBES as u32 {
+            let (columns, [width, height]) = close_up_panels(count);
+            let rows = count.div_ceil(columns);
+            assert!(columns * width <= WIDTH - OVERVIEW - GAP && rows * height <= PANELS);
+            // Half of the height, in half widths.
+            let above = f64::from(height) / f64::from(width);
+            assert!(FORCE_LENGTH - RAISED < above, "{count}: {above}");
+        }
+    }
 
     #[test]
     fn a_text_is_broken_where_it_is_too_wide() {
