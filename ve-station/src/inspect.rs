@@ -445,13 +445,19 @@ impl Inspection {
         );
         let _ = writeln!(
             text,
-            "\ncertified error   share of diagonal   splits needed"
+            "{:<12} the longest side is {} in the file's unit",
+            "size",
+            file_units::rounded(self.longest_side)
+        );
+        let _ = writeln!(
+            text,
+            "\ncertified error, file's unit   share of diagonal   splits needed"
         );
         for row in &self.errors {
             let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
             let _ = writeln!(
                 text,
-                "{:>15.6} {:>17.1} % {:>8} ({:.1} %)",
+                "{:>28.6} {:>17.1} % {:>8} ({:.1} %)",
                 row.error,
                 100.0 * row.share_of_diagonal,
                 row.vsps,
@@ -460,14 +466,14 @@ impl Inspection {
         }
         let _ = writeln!(
             text,
-            "\nlevel   tolerance   at {} m, mm   splits needed     regions   closure mean   largest",
+            "\nlevel   tolerance, file's unit   at {} m, mm   splits needed     regions   closure mean   largest",
             self.size_m
         );
         for row in &self.tolerances {
             let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
             let _ = writeln!(
                 text,
-                "{:>5} {:>11.6} {:>14.5} {:>8} ({:>5.1} %) {:>9} {:>14.1} {:>9}",
+                "{:>5} {:>24.6} {:>14.5} {:>8} ({:>5.1} %) {:>9} {:>14.1} {:>9}",
                 row.level,
                 row.tolerance,
                 1e3 * row.tolerance_m,
@@ -480,7 +486,7 @@ impl Inspection {
         }
         let _ = writeln!(
             text,
-            "\nAt {} m a probe of 1 mm can move at {:.3} m/s at full resolution \
+            "\nAt {} m a probe of 1 mm radius can move at {:.3} m/s at full resolution \
              ({OPERATIONS_A_TICK} operations a tick of 1 ms);\nabove that resolution follows speed.",
             self.size_m, self.greatest_speed_m_per_s
         );

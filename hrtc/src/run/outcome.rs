@@ -188,10 +188,11 @@ fn write_text(
         r.ecols
     )?;
     writeln!(out, "highest fill of everything that was sized at start:")?;
+    let width = r.capacities.iter().map(|c| c.name.len()).max().unwrap_or(0);
     for c in &r.capacities {
         writeln!(
             out,
-            "  {:<28} {:>9} of {:>9}",
+            "  {:<width$} {:>9} of {:>9}",
             c.name, c.high_water, c.capacity
         )?;
     }

@@ -36,8 +36,9 @@ pub fn question(longest_side: f64) -> String {
     )
 }
 
-/// With three digits.
-fn rounded(number: f64) -> String {
+/// A number above 0 with three digits.
+#[must_use]
+pub fn rounded(number: f64) -> String {
     let digits = (2.0 - number.abs().log10().floor()).clamp(0.0, 12.0) as usize;
     let text = format!("{number:.digits$}");
     match text.contains('.') {
