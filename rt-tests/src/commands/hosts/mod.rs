@@ -116,7 +116,7 @@ pub struct HostsArgs {
     /// that it excludes
     #[arg(long, conflicts_with_all = NOT_LONG)]
     pub long: bool,
-    /// Four links only, and who is refused: some two minutes
+    /// Four links only, and who is refused
     #[arg(long, conflicts_with_all = ["rtt_ms", "mbit", "asked", "controllers"])]
     pub short: bool,
     /// Folder of stanford-bunny.obj and dragon.obj [default: ../shared/models]
