@@ -13,6 +13,7 @@ pub use tolerance_table::{ToleranceRow, tolerance_table};
 use crate::file_bytes::FileBytes;
 use crate::tuning::inspect::{ERROR_SHARES, LEAD_S, MAX_AREAS, RADII_AROUND};
 pub use crate::tuning::inspect::{OPERATIONS_A_TICK, PERIOD_S, PROBE_RADIUS_M};
+use file_units::rounded;
 use picture::PictureError;
 use serde::Serialize;
 use spm::ModelHeader;
@@ -447,7 +448,7 @@ impl Inspection {
             text,
             "{:<12} the longest side is {} in the file's unit",
             "size",
-            file_units::rounded(self.longest_side)
+            rounded(self.longest_side)
         );
         let _ = writeln!(
             text,
@@ -457,8 +458,8 @@ impl Inspection {
             let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
             let _ = writeln!(
                 text,
-                "{:>28.6} {:>17.1} % {:>8} ({:.1} %)",
-                row.error,
+                "{:>28} {:>17.1} % {:>8} ({:.1} %)",
+                rounded(row.error),
                 100.0 * row.share_of_diagonal,
                 row.vsps,
                 100.0 * share
@@ -473,10 +474,10 @@ impl Inspection {
             let share = f64::from(row.vsps) / f64::from(self.facts.vsps.max(1));
             let _ = writeln!(
                 text,
-                "{:>5} {:>24.6} {:>14.5} {:>8} ({:>5.1} %) {:>9} {:>14.1} {:>9}",
+                "{:>5} {:>24} {:>14} {:>8} ({:>5.1} %) {:>9} {:>14.1} {:>9}",
                 row.level,
-                row.tolerance,
-                1e3 * row.tolerance_m,
+                rounded(row.tolerance),
+                rounded(1e3 * row.tolerance_m),
                 row.vsps,
                 100.0 * share,
                 row.regions,

@@ -36,7 +36,7 @@ pub fn question(longest_side: f64) -> String {
     )
 }
 
-/// A number above 0 with three digits.
+/// A number with three digits, however small, up to twelve decimals.
 #[must_use]
 pub fn rounded(number: f64) -> String {
     let digits = (2.0 - number.abs().log10().floor()).clamp(0.0, 12.0) as usize;
@@ -62,5 +62,12 @@ mod tests {
         let strange = question(1e12);
         assert!(!strange.contains("Is it in"), "{strange}");
         assert!(question(0.0005).contains("longest side is 0.0005:"));
+    }
+
+    #[test]
+    fn a_small_tolerance_is_not_written_as_zero() {
+        let numbers = [0.0, 2.3e-10, 2.7612e-3, 12.345, 1234.4];
+        let expected = ["0", "0.00000000023", "0.00276", "12.3", "1234"];
+        assert_eq!(numbers.map(rounded), expected);
     }
 }
