@@ -246,7 +246,7 @@ impl Setup {
     /// Time after which a model is there, milliseconds: far more than the way over the link.
     pub(super) fn arrival_ms(&self) -> u64 {
         if self.departs_in(Departure::LossyLink) {
-            600
+            1500
         } else {
             40
         }
