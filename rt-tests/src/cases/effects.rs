@@ -455,8 +455,7 @@ fn magnet_loop(
     Ok(found)
 }
 
-/// The springs, drags and masses that are the most a scene may list on this device: how far it
-/// still swings at the end over how far at first, the largest.
+/// The most springs, drags and masses of a scene: swing at the end over that at first, the largest.
 fn fields(
     Trial {
         size,
@@ -505,8 +504,9 @@ fn fields(
                         last = max_or_nan(last, moved);
                     }
                 }
-                // A step of the encoder to and fro is no swing.
-                found.must(last.is_finite() && before.is_finite());
+                // Without a force the device's own damping ends the swing, too.
+                found.must(last.is_finite() && before.is_finite() && mass.work_j() != 0.0);
+                // A step of the encoder to and fro is none.
                 let left = f64::max(last - 2.0 * encoder_m, 0.0) / first;
                 found.most(left);
                 found.log(effects, left);

@@ -144,6 +144,12 @@ fn pass(bench: &mut Bench, from: DVec3, to: DVec3, speed: f64, mut look: impl Fn
     }
 }
 
+/// Whether a tick of a pass that ends within a body has a force: a proxy that stays outside is felt
+/// by nobody without one.
+fn pushes(response: &Response) -> bool {
+    response.force.length() > 0.0
+}
+
 /// A random place on a disc around the origin, and a random way down, within 60 degrees.
 fn aim(random: &mut Xoshiro256PlusPlus, radius: f64) -> (DVec3, DVec3) {
     let mut on_disc = || {
@@ -342,12 +348,15 @@ impl Sheet {
         let start = surface - direction * (6.0 * setup.radius_m);
         bench.travel(start);
         let (mut keeps, mut certified, mut splits) = (true, 0.0, 0);
+        let mut is_pushed = false;
         let end = surface + direction * DEPTH_M;
         pass(bench, start, end, speed, |response| {
             keeps &= self.keeps(&setup, response, up);
             certified = max_or_nan(certified, response.record.certified_error_m);
             splits += response.record.vsplits;
+            is_pushed |= pushes(response);
         });
+        found.must(is_pushed);
         found.log(SPLITS, f64::from(splits));
         // What is no number is no bound.
         if self.certified.is_none_or(|most| certified < most) {
@@ -409,11 +418,13 @@ fn edges_and_vertices(
             // Around the body, never through it.
             bench.travel(setup.pose.transform_point(target * 1.5));
             bench.travel(start);
-            let mut keeps = true;
+            let (mut keeps, mut is_pushed) = (true, false);
             pass(&mut bench, start, end, 0.5, |response| {
                 keeps &= response.proxy.distance(setup.pose.position) >= least;
+                is_pushed |= pushes(response);
             });
             found.right(keeps);
+            found.must(is_pushed);
             bench.travel(setup.pose.transform_point(target * 1.5));
         }
     }
@@ -474,13 +485,15 @@ fn pass_damaged(
     for _ in 0..size.of(150, 50_000) {
         let (place, direction) = aim(random, 0.3 * setup.size_m);
         let start = place - direction * (4.0 * setup.radius_m);
-        let mut keeps = true;
+        let (mut keeps, mut is_pushed) = (true, false);
         bench.travel(start);
         let end = place + direction * DEPTH_M;
         pass(&mut bench, start, end, 0.5, |response| {
             keeps &= response.force.is_finite() && response.proxy.z >= 0.0;
+            is_pushed |= pushes(response);
         });
         found.right(keeps);
+        found.must(is_pushed);
         bench.travel(home);
     }
     Ok(())

@@ -414,7 +414,7 @@ fn many_faces(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure>
             DVec3::new(turn.sin(), 0.0, turn.cos()) * (0.36 * defaults.size_m)
         };
         bench.travel(place(0));
-        let mut contacts = 0.0;
+        let (mut contacts, mut is_pushed) = (0.0, false);
         for tick in 1..size.of(2000, 20_000) {
             let turn = 1.4e-3 * defaults.ms(tick);
             let response = bench.sample(Some(Pose {
@@ -425,8 +425,11 @@ fn many_faces(Trial { size, defaults, .. }: Trial<'_>) -> Result<Found, Failure>
                 contacts += 1.0;
                 *work += f64::from(response.record.query_work);
                 found.must(response.force.dot(place(tick)) >= 0.0);
+                is_pushed |= response.force.length() > 0.0;
             }
         }
+        // Work without a force shows nothing.
+        found.must(is_pushed);
         *work /= contacts;
     }
     found.most(positive(work[1] / work[0]));
