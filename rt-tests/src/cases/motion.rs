@@ -196,29 +196,31 @@ fn met(
         let home = turned(random);
         let speed = if k % 4 == 3 { 0.2 } else { 1.0 };
         let across = DVec3::new(unit(random) - 0.5, unit(random) - 0.5, 0.0) * 0.2;
+        let velocity = (DVec3::Z + across) * speed;
         let setup = Setup {
             pose: home,
-            movable: Some(driven((DVec3::Z + across) * speed, DVec3::ZERO)),
+            movable: Some(driven(velocity, DVec3::ZERO)),
             ..defaults
         };
         // Far enough to have the model there, which takes some ticks, and then some phase of a
         // tick.
         let ticks = setup.ticks(setup.arrival_ms() + 20) as f64 + unit(random);
-        let far = speed / setup.rate_hz * ticks + setup.radius_m;
-        met_once(sheet, (setup, is_free), far, found)?;
+        let place = velocity * (ticks / setup.rate_hz) + DVec3::Z * setup.radius_m;
+        met_once(sheet, (setup, is_free), place, found)?;
     }
     Ok(())
 }
 
-/// A plate that moves as it is set up, and a probe so far over where it begins, metres.
+/// A plate that moves as it is set up, and a probe on its way, in the plate's frame where it begins,
+/// metres.
 fn met_once(
     sheet: &[u8],
     (setup, is_free): (Setup, bool),
-    far: f64,
+    ahead: DVec3,
     found: &mut Found,
 ) -> Result<(), Failure> {
     let mut bench = Bench::new(sheet, setup)?;
-    let place = setup.pose.transform_point(DVec3::Z * far);
+    let place = setup.pose.transform_point(ahead);
     let mut mass = FreeMass::new(place, DVec3::ZERO, bench.period_s(), 0.0);
     let (mut watch, mut force, mut at) = (Watch::default(), DVec3::ZERO, place);
     for tick in 0..setup.ticks(setup.arrival_ms() + 80) {
