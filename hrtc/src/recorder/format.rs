@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Profile of the file; the number grows when a replay of older files is not possible any more.
-pub(super) const PROFILE: &str = "hrtc-45";
+pub(super) const PROFILE: &str = "hrtc-46";
 /// Attachment with the [`super::RecordingHead`].
 pub(super) const HEAD: &str = "hrtc/run.json";
 /// Attachments with the files of the scene begin so; the path follows, as in [`super::paths`].
