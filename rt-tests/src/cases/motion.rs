@@ -211,8 +211,8 @@ fn met(
     Ok(())
 }
 
-/// A plate that moves as it is set up, and a probe on its way, in the plate's frame where it begins,
-/// metres.
+/// A plate that moves as it is set up, and a probe on its path, in the plate's frame where it
+/// begins, metres.
 fn met_once(
     sheet: &[u8],
     (setup, is_free): (Setup, bool),

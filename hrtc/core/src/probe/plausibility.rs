@@ -99,7 +99,7 @@ impl Course {
 
     /// How far a pose is off the course, so many periods later, metres; and the periods before the
     /// last sample in which the motion was measured. Two samples show a speed, and no acceleration.
-    fn strays(&self, pose: &Pose, periods: f64) -> (f64, f64) {
+    fn deviation(&self, pose: &Pose, periods: f64) -> (f64, f64) {
         let moved = pose.position - self.pose.position;
         self.motion.map_or((0.0, 1.0), |(motion, before)| {
             ((moved - motion * periods).length(), before)
@@ -213,8 +213,8 @@ impl Plausibility {
         course.age.min(widened) as f64
     }
 
-    /// How far a motion may stray from its course, metres: see the module.
-    fn may_stray(&self, periods: f64, before: f64) -> f64 {
+    /// How far a motion may be off its course, metres: see the module.
+    fn max_deviation(&self, periods: f64, before: f64) -> f64 {
         let bend = 0.5 * periods * (periods + before) * self.period_s * self.period_s;
         self.limits.acceleration_m_per_s2 * bend + 2.0 * self.encoder_m * (periods + 1.0)
     }
@@ -223,19 +223,19 @@ impl Plausibility {
         let periods = self.widened(course, elapsed);
         let seconds = periods * self.period_s;
         let moved = pose.position.distance(course.pose.position);
-        let (strays, before) = course.strays(pose, periods);
+        let (deviation, before) = course.deviation(pose, periods);
         let turned = turn_between(course.pose.orientation, pose.orientation);
         is(Mutant::Spike)
             || moved <= self.limits.speed_m_per_s * seconds + self.encoder_m
-                && strays <= self.may_stray(periods, before)
+                && deviation <= self.max_deviation(periods, before)
                 && turned <= self.limits.angular_speed_rad_per_s * seconds + self.turned_at_rest
     }
 
     /// Whether it is plausible only since the limits are wide; or it is the second sample, of which
-    /// no stray is known.
+    /// no deviation is known.
     fn is_in_doubt(&self, course: &Course, pose: &Pose, elapsed: u64) -> bool {
-        let (strays, _) = course.strays(pose, self.widened(course, elapsed));
-        course.motion.is_none() || strays > self.may_stray(1.0, 1.0)
+        let (deviation, _) = course.deviation(pose, self.widened(course, elapsed));
+        course.motion.is_none() || deviation > self.max_deviation(1.0, 1.0)
     }
 }
 

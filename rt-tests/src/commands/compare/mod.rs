@@ -266,8 +266,8 @@ fn measure_all(
 }
 
 /// A model, and what it took from the mesh until the controller can be served: reading or
-/// generating, cleaning, ordering, simplification and the file in memory, on all cores that it may run on. No row
-/// where there was an SPM file already.
+/// generating, cleaning, ordering, simplification and the file in memory, on all cores that it may
+/// run on. No row where there was an SPM file already.
 ///
 /// # Errors
 /// One sentence that names it.

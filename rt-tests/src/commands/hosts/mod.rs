@@ -35,8 +35,8 @@
 //! resolution. Bytes and packets of `wire` are those of IP, of everything that the two hosts said
 //! to each other from the start of the station to its end: greeting, encryption and repetitions
 //! too; `link_bytes` has those of the messages alone, by kind. `cut` is null where no link was cut,
-//! `refused` empty where nobody came. `failed` has what came to no result: touches, and a part that failed, with which the command
-//! ends; what was measured before it is there all the same.
+//! `refused` empty where nobody came. `failed` has what came to no result: touches, and a part that
+//! failed, with which the command ends; what was measured before it is there all the same.
 
 mod alone;
 mod asked;
