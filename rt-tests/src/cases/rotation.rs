@@ -108,7 +108,7 @@ pub const CASES: &[Case] = &[
         on_edge_stiff,
     ),
     Case {
-        runs: "the tools of the cases above but the bar, and a ball on the plate, at 800 N/m; all ticks in contact",
+        runs: "the tools of the cases above but the bar, in contact, and a ball on the plate, wherever it is behind it; 800 N/m",
         probe: ProbeOfCase::Tool,
         ..Case::of(
             [
@@ -148,7 +148,7 @@ const STIFF: Rendered = (
     [4000.0, 0.0],
     "renders = 6, encoder_m = 0.0, encoder_rad = 0.0",
 );
-/// The same through exact encoders.
+/// The default stiffness, as [`SOFT`], through exact encoders.
 const EXACT: Rendered = (
     [800.0, 0.0],
     "renders = 6, encoder_m = 0.0, encoder_rad = 0.0",
@@ -392,11 +392,12 @@ fn touches(
     Ok(())
 }
 
-/// The force of one of these tools, or of a ball, that is not rendered, summed over all ticks in
-/// contact, of what is wanted, of the one that loses most: since its contact was found late, or
-/// since the account or a limit withholds it. What is wanted is stiffness times depth: the surface
-/// has no damping. Of a tool both are by the record, whose depth is that of the device: a turn
-/// alone counts for nothing. Of the ball they are where the device is and what its motors render.
+/// The force of one of these tools, or of a ball, that is not rendered, as a sum over ticks, of
+/// what is wanted, of the one that loses most: since its contact was found late, or since the
+/// account or a limit withholds it. What is wanted is stiffness times depth: the surface has no
+/// damping. Of a tool both are by the record, in the ticks in contact, and its depth is that of the
+/// device: a turn alone counts for nothing. Of the ball they are where the device is and what its
+/// motors render, in all ticks in which it is behind the plate, found or not.
 fn withheld(trial: Trial<'_>) -> Result<Found, Failure> {
     let held = [
         ("in a slot", slot()),

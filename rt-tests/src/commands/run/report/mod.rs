@@ -123,7 +123,8 @@ impl Report<'_> {
             percent_of(r.force_withheld.p99),
             percent_of(r.force_withheld.max)
         ));
-        if r.torque_nm_max > 0.0 {
+        // What is no number is said, too.
+        if r.torque_nm_max != 0.0 {
             lines.push(format!("torque max {} mN m", digits(1e3 * r.torque_nm_max)));
         }
         if r.contact_offset_m > 0.0 {
@@ -287,11 +288,11 @@ impl Report<'_> {
         lines
     }
 
-    /// Of what a figure is that is of one object, in a scene of several.
+    /// Of what a figure is that is of one object, in a scene of several: of that in the first place.
     fn of_first(&self) -> &'static str {
         match self.finished.result.objects {
             0 | 1 => "",
-            _ => " (of the first object that was awake at the end)",
+            _ => " (of one of the objects that were awake at the end)",
         }
     }
 
@@ -385,7 +386,7 @@ impl Report<'_> {
                 bytes(r.bytes_full_mesh)
             ),
             format!(
-                "cache at most {} of {} ({} records at once, {} evicted); the controller's process holds {}",
+                "cache at most {} of {} ({} records at once, {} evicted); the controller's process held at most {}",
                 bytes(r.cache.high_water_bytes),
                 bytes(r.cache.bytes),
                 grouped(r.cache.vsps),

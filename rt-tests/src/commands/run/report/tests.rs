@@ -181,7 +181,9 @@ fn figures_of_several_objects_are_not_said_of_the_first() {
         "{words}"
     );
     assert_eq!(
-        words.matches("(of the first object that was awake").count(),
+        words
+            .matches("(of one of the objects that were awake")
+            .count(),
         2
     );
     assert!(words.contains("first model m&n (20"), "{words}");
