@@ -90,17 +90,14 @@ impl Budget<'_> {
 /// Work of the queries of a tick: nodes visited and faces tested, never more than the tick has time
 /// for by their costs. A part is for the steps of the proxies, a part for the searches beside them.
 /// Every probe is sure of an equal share of each, and each of its pairs of an equal share of that;
-/// what one pair leaves the next may use. What is left then is for the cells around where tools may
-/// touch next.
+/// what one pair leaves the next may use.
 pub struct QueryBudget<'a> {
     /// Knows when the time for them is over.
     pub observer: &'a mut dyn StageObserver,
     costs: WorkCosts,
     proxies: Part,
     searches: Part,
-    /// Of what looks ahead last, so that none of it is reserved.
-    cells: Part,
-    /// All together, nanoseconds by the costs.
+    /// Both together, nanoseconds by the costs.
     time: Part,
     /// What was spent so far, by [`QueryWork::unit`].
     units: [u32; QueryWork::UNITS],
@@ -153,7 +150,6 @@ impl<'a> QueryBudget<'a> {
             costs: *costs,
             proxies: Part::new(work.proxies),
             searches: Part::new(work.searches),
-            cells: Part::new(work.cells),
             time: Part::new(ns),
             units: [0; QueryWork::UNITS],
             pairs: [0; MAX_PROBES],
@@ -196,13 +192,16 @@ impl<'a> QueryBudget<'a> {
                     left
                 }
             }
-            QueryWork::Cells => self.cells.left().min(of_time(self.time.left())),
         }
     }
 
-    /// What looking ahead may spend on work of a kind now.
-    pub fn for_look_ahead(&mut self, kind: QueryWork) -> u32 {
-        if self.is_over() { 0 } else { self.left(kind) }
+    /// What looking ahead may spend now.
+    pub fn for_look_ahead(&mut self) -> u32 {
+        if self.is_over() {
+            0
+        } else {
+            self.left(QueryWork::Search)
+        }
     }
 
     /// Work of a kind has spent this.
@@ -214,7 +213,6 @@ impl<'a> QueryBudget<'a> {
             QueryWork::Search | QueryWork::Effects | QueryWork::ToolSearch => {
                 self.searches.spent += units;
             }
-            QueryWork::Cells => self.cells.spent += units,
         }
         let ns = f64::from(units) * self.costs.of_query(kind);
         self.time.spent = self.time.spent.saturating_add(ns.ceil() as u32);
@@ -223,7 +221,7 @@ impl<'a> QueryBudget<'a> {
     /// What was spent so far, units.
     #[must_use]
     pub fn spent(&self) -> u32 {
-        self.proxies.spent + self.searches.spent + self.cells.spent
+        self.proxies.spent + self.searches.spent
     }
 
     /// The same, by [`QueryWork::unit`].
@@ -243,7 +241,7 @@ impl<'a> QueryBudget<'a> {
 mod tests {
     use super::*;
     use crate::observer::{NoObserver, Stage};
-    use crate::tuning::tick::{CELL_WORK, PROXY_WORK};
+    use crate::tuning::tick::PROXY_WORK;
 
     #[test]
     fn every_probe_is_sure_of_its_share_and_what_one_leaves_the_next_may_use() {
@@ -332,30 +330,6 @@ mod tests {
     }
 
     #[test]
-    fn cells_ahead_have_what_everything_else_leaves_and_no_more_than_their_part() {
-        let (work, costs) = (TickWork::new(1e3), WorkCosts::REFERENCE);
-        for (ns, most) in [(u32::MAX, CELL_WORK), (0, 0), (36_000, 1_700)] {
-            let mut never = NoObserver;
-            let mut budget = QueryBudget::new(&work, (&costs, ns), [0].into_iter(), &mut never);
-            budget.begin_pair(0);
-            let units = |nodes| Work { nodes, faces: 0 };
-            budget.charge(QueryWork::Search, units(100));
-            let left = budget.for_look_ahead(QueryWork::Cells);
-            assert_eq!(left, most, "{ns} ns");
-            let searches = budget.left(QueryWork::Search);
-            budget.charge(QueryWork::Cells, units(left));
-            assert_eq!(budget.for_look_ahead(QueryWork::Cells), 0);
-            assert_eq!(
-                (budget.spent(), budget.units()[0]),
-                (100 + left, 100 + left)
-            );
-            // They take its time, but not the units of searches.
-            let after = budget.left(QueryWork::Search);
-            assert_eq!(after, if ns == u32::MAX { searches } else { 0 });
-        }
-    }
-
-    #[test]
     fn where_the_time_is_over_a_search_has_the_least_and_nothing_looks_ahead() {
         let (work, costs) = (TickWork::new(1e3), WorkCosts::REFERENCE);
         let mut over = Over;
@@ -363,9 +337,7 @@ mod tests {
         let mut budget = QueryBudget::new(&work, time, [0].into_iter(), &mut over);
         budget.begin_pair(0);
         assert_eq!(budget.left(QueryWork::Search), MIN_SEARCH_UNITS);
-        for kind in [QueryWork::Search, QueryWork::Cells] {
-            assert_eq!(budget.for_look_ahead(kind), 0);
-        }
+        assert_eq!(budget.for_look_ahead(), 0);
         // A step begins in any case; its limit is told, too.
         assert!(budget.left(QueryWork::Ball) > 0 && budget.is_over());
     }

@@ -39,8 +39,6 @@ pub struct WorkCosts {
 pub enum QueryWork {
     /// [`WorkCosts::search`].
     Search,
-    /// Cells around where a tool may touch next, `UNITS_PER_CELL` each: [`WorkCosts::search`].
-    Cells,
     /// The faces around a contact for its effects: [`WorkCosts::ball`].
     Effects,
     /// [`WorkCosts::ball`].
@@ -59,7 +57,7 @@ impl QueryWork {
     #[must_use]
     pub const fn unit(self) -> usize {
         match self {
-            Self::Search | Self::Cells => 0,
+            Self::Search => 0,
             Self::Effects | Self::Ball => 1,
             Self::Tool | Self::ToolSearch => 2,
         }
@@ -110,7 +108,7 @@ impl WorkCosts {
     #[must_use]
     pub fn of_query(&self, work: QueryWork) -> f64 {
         match work {
-            QueryWork::Search | QueryWork::Cells => self.search,
+            QueryWork::Search => self.search,
             QueryWork::Effects | QueryWork::Ball => self.ball,
             QueryWork::Tool | QueryWork::ToolSearch => self.tool,
         }

@@ -101,7 +101,7 @@ pub struct TickTime {
     allowed: f64,
     /// What is kept for the contacts.
     contacts: f64,
-    /// What the queries of the contacts have taken, without what every pair costs beside them.
+    /// What the queries have taken, without what every pair costs beside them.
     queries: f64,
     /// What it has spent.
     pub spent: Spent,
@@ -187,15 +187,9 @@ impl TickTime {
         self.spent.by_group[CostGroup::Refine as usize] = ns;
     }
 
-    /// Queries of the contacts, nanoseconds.
+    /// Queries, nanoseconds.
     pub fn charge_queries(&mut self, ns: u32) {
         self.queries += f64::from(ns);
-        self.spent.charge(CostGroup::Query, f64::from(ns));
-    }
-
-    /// Looks where the probes may touch next, nanoseconds. No time is kept for as many in the next
-    /// tick: they have what everything else leaves.
-    pub fn charge_look_ahead(&mut self, ns: u32) {
         self.spent.charge(CostGroup::Query, f64::from(ns));
     }
 }

@@ -8,7 +8,7 @@
 //! | predict | names the regions that the probes will need, requests them | Mesh Subscriber, 5.6.2 |
 //! | refine | splits, collapses, geomorphs | Figure 5.17 |
 //! | refit | updates the AB-trees | |
-//! | contact | advances the proxies, renders each pair, looks ahead | Physics Engine |
+//! | contact | advances the proxies, renders each pair | Physics Engine |
 //! | render | sums the forces of each probe | |
 //! | limit | energy account, limiter | |
 //! | record | counters, hash | |
@@ -395,13 +395,11 @@ impl Controller {
             }
             objects[k].find_contact(tick, (probe, &self.probes[probe]), &mut budget);
         }
-        let contacts_ns = budget.spent_ns();
         // The nearest to a contact looks first: where it goes matters most.
         for &(k, probe) in pairs.iter().rev() {
-            objects[k].look_ahead(self.own_tick, probe, &mut budget);
+            objects[k].look_ahead(probe, &mut budget);
         }
-        time.charge_queries(contacts_ns);
-        time.charge_look_ahead(budget.spent_ns() - contacts_ns);
+        time.charge_queries(budget.spent_ns());
         record.query_work = budget.spent();
         record.query_units = budget.units();
         record.unfinished = objects.iter().map(|of| of.contacts.unfinished).sum();

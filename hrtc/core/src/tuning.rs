@@ -18,9 +18,6 @@ pub mod tick {
     /// The same for the searches beside the steps: the nearest face of each pair, force shading,
     /// and where a probe may touch next. A search near a known face takes some tens.
     pub const SEARCH_WORK: u32 = 1024;
-    /// The same for the cells around where parts of tools may touch next: 80 µs by the costs of the
-    /// reference machine, where as much is left.
-    pub const CELL_WORK: u32 = 4096;
 }
 
 /// How much work a tick may do: see [`crate::governor`].
@@ -319,9 +316,6 @@ pub mod prediction {
     /// Parts that are looked at in a tick: so each comes again sooner than a region that was
     /// predicted once is let go of.
     pub const A_TICK: usize = 2;
-    /// Units of a search that naming the region of a cell costs, or finding that it is too far: 50
-    /// to 80 ns around the parts of a bar on two balls (one run, two busy cores of an Intel Xeon).
-    pub const UNITS_PER_CELL: u32 = 4;
 }
 
 /// Steps by which less is asked for while the cache is too small.

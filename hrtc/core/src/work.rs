@@ -5,7 +5,7 @@
 
 use crate::tuning::lod::{MAX_FORGOTTEN, MAX_UPKEEP, MIN_OPERATIONS};
 use crate::tuning::streaming::{INGEST_PER_OPERATION, MIN_INGEST, MIN_UNITS, WAITING_CHUNKS};
-use crate::tuning::tick::{CELL_WORK, PROXY_WORK, SEARCH_WORK};
+use crate::tuning::tick::{PROXY_WORK, SEARCH_WORK};
 
 /// Bounds of a tick's work, each that of the constant of its name, converted once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -14,8 +14,6 @@ pub struct TickWork {
     pub proxies: u32,
     /// The same for the searches beside the steps.
     pub searches: u32,
-    /// Units for the cells around where tools may touch next.
-    pub cells: u32,
     /// Entries of closures, region tables and caches that are unloaded, forgotten or passed over.
     pub upkeep: u32,
     /// Of these at the most for places that have changed hands.
@@ -35,7 +33,6 @@ impl TickWork {
         Self {
             proxies: a_tick(PROXY_WORK),
             searches: a_tick(SEARCH_WORK),
-            cells: a_tick(CELL_WORK),
             upkeep: a_tick(MAX_UPKEEP),
             forgotten: a_tick(MAX_FORGOTTEN),
             min_operations: a_tick(MIN_OPERATIONS),
@@ -47,7 +44,7 @@ impl TickWork {
     /// The most work of all queries of a tick.
     #[must_use]
     pub fn queries(&self) -> u32 {
-        self.proxies + self.searches + self.cells
+        self.proxies + self.searches
     }
 
     /// The most work units for received data, where a tick may do so many splits and collapses.
@@ -71,8 +68,7 @@ mod tests {
     #[test]
     fn a_second_of_work_is_the_same_up_to_2_khz() {
         let kilohertz = TickWork::new(1e3);
-        let all = PROXY_WORK + SEARCH_WORK + CELL_WORK;
-        assert_eq!(kilohertz.queries(), all);
+        assert_eq!(kilohertz.queries(), PROXY_WORK + SEARCH_WORK);
         assert_eq!(kilohertz.ingest_for(0, 96), MIN_INGEST);
         for rate_hz in [4000.0, 10_000.0] {
             assert_eq!(TickWork::new(rate_hz), TickWork::new(2000.0));
@@ -82,7 +78,6 @@ mod tests {
             for (of, at_kilohertz) in [
                 (here.proxies, kilohertz.proxies),
                 (here.searches, kilohertz.searches),
-                (here.cells, kilohertz.cells),
                 (here.upkeep, kilohertz.upkeep),
             ] {
                 let a_second = f64::from(of) * rate_hz;

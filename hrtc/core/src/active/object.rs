@@ -364,7 +364,7 @@ impl ActiveObject {
     }
 
     /// Looks where a probe may touch next.
-    pub(crate) fn look_ahead(&mut self, tick: u64, probe: usize, budget: &mut QueryBudget) {
-        self.front.look_ahead(tick, probe, &self.contacts, budget);
+    pub(crate) fn look_ahead(&mut self, probe: usize, budget: &mut QueryBudget) {
+        self.front.look_ahead(probe, &self.contacts, budget);
     }
 }

@@ -336,23 +336,6 @@ fn one_late_tick_a_second_leaves_the_share_at_its_middle_whatever_the_rate() {
     }
 }
 
-#[test]
-fn what_looks_ahead_is_charged_and_no_time_is_kept_for_it() {
-    let kept = |look_ahead_ns: u32| {
-        let mut governor = Governor::new(1e-3, 96);
-        governor.begin_tick([0, 1]);
-        let before = governor.spent().total();
-        governor.time.charge_queries(100_000);
-        governor.time.charge_look_ahead(look_ahead_ns);
-        let spent = governor.spent().total() - before;
-        assert_eq!(spent, 100_000.0 + f64::from(look_ahead_ns));
-        governor.end_queries(0, false, true);
-        governor.begin_tick([0, 1]);
-        governor.time.for_refinement()
-    };
-    assert_eq!(kept(50_000), kept(0));
-}
-
 /// The share after a tick that took 0.4 ms beside the drivers; `is_said`: as the costs say.
 fn share_after(device_ns: f64, is_said: bool) -> f64 {
     let mut governor = Governor::new(1e-3, 96);

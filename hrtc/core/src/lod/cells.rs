@@ -63,29 +63,12 @@ pub(super) fn visit_ball(
     grid: &RegionGrid,
     centre: DVec3,
     (radius, max_cells): (f64, f64),
-    visit: impl FnMut(RegionId),
-) {
-    visit_ball_within(grid, centre, (radius, max_cells), &mut { u32::MAX }, visit);
-}
-
-/// The same, unless it would look at more cells than are `left`; what it looks at is taken off
-/// these.
-pub(super) fn visit_ball_within(
-    grid: &RegionGrid,
-    centre: DVec3,
-    (radius, max_cells): (f64, f64),
-    left: &mut u32,
     mut visit: impl FnMut(RegionId),
 ) {
     let radius = radius.min(max_cells * grid.cell);
     let Some((low, high)) = grid.cell_range(centre - radius, centre + radius) else {
         return;
     };
-    let cells = (high - low + UVec3::ONE).element_product();
-    let Some(rest) = left.checked_sub(cells) else {
-        return;
-    };
-    *left = rest;
     for z in low.z..=high.z {
         for y in low.y..=high.y {
             for x in low.x..=high.x {

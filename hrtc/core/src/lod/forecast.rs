@@ -14,7 +14,7 @@ use glam::DVec3;
 use spm::{Handle, NONE};
 
 /// A place where a part of a tool may touch next.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, serde::Serialize, serde::Deserialize)]
 pub struct Near {
     /// On the part, model units: between there and what is known of the surface the full mesh may
     /// be.
@@ -73,6 +73,7 @@ pub struct ContactForecast {
     next: usize,
     /// Periods so far, skipped ones too.
     periods: u64,
+    found: [Option<Near>; A_TICK],
     /// Ticks ahead at which the refined set looks.
     refine_ahead: f64,
 }
@@ -84,6 +85,7 @@ impl ContactForecast {
             seen: [Seen::NOTHING; MAX_BALLS],
             next: 0,
             periods: 0,
+            found: [None; A_TICK],
             refine_ahead,
         }
     }
@@ -98,21 +100,26 @@ impl ContactForecast {
         self.periods = self.periods.saturating_add(periods);
     }
 
+    /// What was found near in the last tick.
+    pub fn found(&self) -> impl Iterator<Item = Near> + use<> {
+        self.found.into_iter().flatten()
+    }
+
     /// Looks for the surface near the next parts of a tool; a ball has no parts but itself.
     /// `patch`: radius of what a tip touches at once, model units. A part for which the budget does
-    /// not suffice waits for its next turn. Where it is near.
+    /// not suffice waits for its next turn.
     pub fn look(
         &mut self,
         surface: Surface<'_>,
         (proxy, goal, patch): (&ProxyKind, &Pose, f64),
         budget: &mut QueryBudget,
-    ) -> [Option<Near>; A_TICK] {
-        let mut found = [None; A_TICK];
+    ) {
+        self.found = [None; A_TICK];
         self.periods = self.periods.saturating_add(1);
         let ProxyKind::Tool(_) = proxy else {
-            return found;
+            return;
         };
-        for found in &mut found {
+        for found in &mut self.found {
             let k = self.next;
             self.next = (k + 1) % MAX_BALLS;
             let Some(part) = proxy.parts(goal).nth(k) else {
@@ -126,7 +133,7 @@ impl ContactForecast {
             }
             let hint =
                 Some(seen.face).filter(|&face| !seen.is_new() && surface.mesh.is_active(face));
-            let most = budget.for_look_ahead(QueryWork::Search);
+            let most = budget.for_look_ahead();
             if most == 0 {
                 continue;
             }
@@ -161,7 +168,6 @@ impl ContactForecast {
                 });
             }
         }
-        found
     }
 }
 

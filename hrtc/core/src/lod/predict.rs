@@ -8,7 +8,7 @@
 //! coarser ring are looked at, so that a tick costs little (under a probe wider than cells one at
 //! each face that holds it); after [`TURNS`] of them the finest ring has been looked at all around.
 
-use super::cells::{Motion, ticks_to_leave, ticks_until, visit_ball, visit_ball_within};
+use super::cells::{Motion, ticks_to_leave, ticks_until, visit_ball};
 use crate::cache::RegionKey;
 use crate::contact::sphere_proxy::MAX_PUSHING;
 use crate::horizons::{Horizons, PredictionHorizons};
@@ -437,22 +437,24 @@ impl Predictor {
     }
 }
 
-/// Visits the regions of these rings around a place where another part of the probe may touch next,
-/// then those around where that goes. `velocity`: of that part, model units a tick. `left`: cells
-/// that may still be looked at; a ball of more is left out.
+/// Visits the regions around a place where another part of the probe may touch next, and around
+/// where that goes: of the finest ring, and of the coarser ones with `rings`, where the front is
+/// coarse still. `velocity`: of that part, model units a tick.
 pub fn predict_forecast(
-    rings: &[Ring],
+    lod: &LodController,
+    rings: bool,
     (place, velocity): (Motion, DVec3),
     horizons: &PredictionHorizons,
-    left: &mut u32,
     mut visit: impl FnMut(Predicted),
 ) {
-    for ticks in [0.0, horizons.refine_ahead] {
-        let displacement = velocity * ticks;
-        let radius = RADII_AROUND * place.radius + SPREAD[0] * displacement.length();
-        let (centre, ball) = (place.position + displacement, (radius, MAX_CELLS));
-        for ring in rings {
-            visit_ball_within(&ring.grid, centre, ball, left, |id| {
+    let finest = lod.finest();
+    let last = if rings { lod.rings().len() } else { finest + 1 };
+    for ring in &lod.rings()[finest..last] {
+        for ticks in [0.0, horizons.refine_ahead] {
+            let displacement = velocity * ticks;
+            let radius = RADII_AROUND * place.radius + SPREAD[0] * displacement.length();
+            let ball = (radius, MAX_CELLS);
+            visit_ball(&ring.grid, place.position + displacement, ball, |id| {
                 visit(Predicted::new(
                     (ring, id),
                     (place, velocity),

@@ -2,20 +2,19 @@
 //! whole model.
 
 use super::cells::Motion;
-use super::forecast::Near;
 use super::front::{Front, FrontModel};
 use super::predict::{Predicted, predict_forecast};
 use super::predictions::Unknown;
 use crate::budget::QueryBudget;
 use crate::cache::{Cache, RegionKey};
-use crate::contact::query::{Work, closest_point_within};
+use crate::contact::query::closest_point_within;
 use crate::contact::sphere_proxy::MAX_PUSHING;
 use crate::costs::QueryWork;
 use crate::policy::Detail;
 use crate::probe::contacts::Contacts;
 use crate::probe::pair::ProbeObjectPair;
 use crate::tuning::memory_pressure::STEPS_BEFORE_COARSER;
-use crate::tuning::prediction::{A_TICK, BLOCK_SHARE, MAX_WAITING, RADII_AROUND, UNITS_PER_CELL};
+use crate::tuning::prediction::{BLOCK_SHARE, MAX_WAITING, RADII_AROUND};
 use geometry::closest_point_on_triangle;
 use glam::DVec3;
 use scene::RefinementPlan;
@@ -64,16 +63,10 @@ impl Front {
         (&mut self.cache, wanted)
     }
 
-    /// Whether rings around the finest one are predicted.
-    fn has_rings(&self) -> bool {
-        self.pressure.has_rings() && self.time_steps < STEPS_BEFORE_COARSER
-    }
-
     /// For each probe sets the finest ring by time and by memory pressure, then notes the
     /// regions of its rings. The finest of all is that of the object: what one probe needs is not
     /// too fine for the others.
     fn predict_rings(&mut self, tick: u64, lead: f64, contacts: &Contacts) {
-        let rings = self.has_rings();
         let Self {
             model:
                 Some(FrontModel {
@@ -93,6 +86,7 @@ impl Front {
             return;
         };
         let (operations, detail) = (self.operations, self.detail);
+        let rings = pressure.has_rings() && *time_steps < STEPS_BEFORE_COARSER;
         let for_time = time_steps.saturating_sub(STEPS_BEFORE_COARSER) as usize;
         let raised = pressure.raised().max(for_time);
         let mut finest = None;
@@ -123,6 +117,13 @@ impl Front {
             predictor.predict(lod, rings, device, motion, |predicted| {
                 predictions.note(predicted, tick, cache);
             });
+            for near in approach.forecast.found() {
+                let rings = rings && near.is_coarse;
+                let motion = (near.place, near.velocity);
+                predict_forecast(lod, rings, motion, &horizons.prediction, |predicted| {
+                    predictions.note(predicted, tick, cache);
+                });
+            }
         }
         if let Some(finest) = finest {
             lod.set_finest(finest);
@@ -184,15 +185,8 @@ impl Front {
     }
 
     /// Looks where other parts of a tool may touch next, and moves the probe's prediction onto the
-    /// front as far as the front is known, for the next tick. Then names the regions around those
-    /// parts, as far as there is time left in this one.
-    pub fn look_ahead(
-        &mut self,
-        tick: u64,
-        probe: usize,
-        contacts: &Contacts,
-        budget: &mut QueryBudget,
-    ) {
+    /// front as far as the front is known, for the next tick.
+    pub fn look_ahead(&mut self, probe: usize, contacts: &Contacts, budget: &mut QueryBudget) {
         let Self {
             model:
                 Some(FrontModel {
@@ -222,14 +216,13 @@ impl Front {
         let landing = horizons.prediction.landing + approach.predictor.lead();
         let reach = radius + velocity.length() * RADII_AROUND * landing;
         let is_close = pair.clearance - model.radius_max <= reach;
-        let mut found = [None; A_TICK];
         if let (Some(goal), true) = (pair.goal, is_local) {
             let patch = pair.patch_m / *metres_per_unit;
             let part = (&pair.proxy, &goal, patch);
-            found = approach.forecast.look(surface, part, budget);
+            approach.forecast.look(surface, part, budget);
         }
         let mut project = |ahead: DVec3| {
-            let most = budget.for_look_ahead(QueryWork::Search);
+            let most = budget.for_look_ahead();
             if !(is_local && is_close && ahead.is_finite()) || most == 0 {
                 return None;
             }
@@ -241,46 +234,6 @@ impl Front {
         let ahead = approach.predictor.ahead(middle);
         let landed = ahead.map(|point| point.and_then(&mut project));
         approach.predictor.project_onto_front(landed);
-        let mut parts = found.iter().flatten().count() as u32;
-        for near in found.iter().flatten() {
-            self.predict_near(tick, probe, (near, parts), budget);
-            parts -= 1;
-        }
-    }
-
-    /// Predicts the regions around a place where a part of a tool may touch next, as far as there
-    /// is time left, in equal shares for so many `parts` from this one on: of the finest ring,
-    /// and of the coarser ones where the front is coarse still.
-    fn predict_near(
-        &mut self,
-        tick: u64,
-        probe: usize,
-        (near, parts): (&Near, u32),
-        budget: &mut QueryBudget,
-    ) {
-        let has_rings = self.has_rings() && near.is_coarse;
-        let Some(FrontModel { lod, .. }) = &self.model else {
-            return;
-        };
-        let rings = lod.rings();
-        let finest = self.approaches[probe].finest.min(rings.len() - 1);
-        let end = if has_rings { rings.len() } else { finest + 1 };
-        let (predictions, cache) = (&mut self.predictions, &mut self.cache);
-        let most = budget.for_look_ahead(QueryWork::Cells) / (parts * UNITS_PER_CELL);
-        let mut left = most;
-        predict_forecast(
-            &rings[finest..end],
-            (near.place, near.velocity),
-            &self.horizons.prediction,
-            &mut left,
-            // What this tick does for regions is done.
-            |predicted| predictions.note(predicted, tick + 1, cache),
-        );
-        let looked_at = Work {
-            nodes: (most - left) * UNITS_PER_CELL,
-            faces: 0,
-        };
-        budget.charge(QueryWork::Cells, looked_at);
     }
 }
 

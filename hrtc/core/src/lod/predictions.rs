@@ -125,10 +125,9 @@ impl Predictions {
     }
 
     /// Keeps the regions to be requested of the latest so many ticks, up to a round, and no others:
-    /// where questions are rare, the next ones are to see more than the turns of one tick. Those
-    /// that the tick before predicted for this one are of this one.
+    /// where questions are rare, the next ones are to see more than the turns of one tick.
     pub(super) fn keep_latest(&mut self, tick: u64, ticks: u64) {
-        let kept = ticks.clamp(1, self.rounds[1]);
+        let kept = ticks.min(self.rounds[1]);
         self.unknown.retain(|of| tick < of.predicted + kept);
     }
 
@@ -152,7 +151,7 @@ impl Predictions {
     pub(super) fn note(&mut self, p: Predicted, tick: u64, cache: &mut Cache) {
         let Some(index) = cache.regions.index(p.key) else {
             // For each probe a look goes to one ball of each of two rings, or to three under a wide
-            // one, and those of a tool to as many as there was time for.
+            // one, and in a tick four go to those of a tool.
             // A region that comes twice is requested once; one that finds no room comes again.
             self.keep(Unknown {
                 key: p.key,
@@ -227,19 +226,6 @@ mod tests {
         // A local link is asked in every tick.
         for between in [0, 1] {
             assert_eq!(after(between, 1).len(), 1);
-            // What the tick before predicts for this one is still to be asked for.
-            let mut predictions = Predictions::new(1, 1);
-            let ahead = Predicted {
-                key: RegionKey::prefix(1),
-                ticks: 5.0,
-                leaves: 9.0,
-                refine: true,
-            };
-            predictions.note(ahead, 8, &mut Cache::new(1 << 20));
-            for (tick, count) in [(8, 1), (9, 0)] {
-                predictions.keep_latest(tick, between);
-                assert_eq!(predictions.unknown(true).count(), count, "{between}");
-            }
         }
         assert_eq!(after(7, 1).len(), 7);
         // With more looks in a tick a round takes fewer ticks.

@@ -229,33 +229,3 @@ fn any_speed_visits_a_bounded_number_of_regions() {
         assert!(count <= 250);
     }
 }
-
-/// A part of a tool that goes so fast that its balls are as large as they may be.
-#[test]
-fn a_forecast_looks_at_no_more_cells_than_it_may_and_here_before_ahead() {
-    let (lod, horizons) = (lod(), Horizons::new(1000.0).prediction);
-    let place = still(DVec3::splat(0.5), 0.0);
-    let velocity = DVec3::new(0.05, 0.0, 0.0);
-    let look = |most: u32| {
-        let mut left = most;
-        let mut all = Vec::new();
-        let near = (place, velocity);
-        predict_forecast(lod.rings(), near, &horizons, &mut left, |p| all.push(p.key));
-        (most - left, all)
-    };
-    let (cells, all) = look(u32::MAX);
-    assert!(cells as usize >= all.len() && !all.is_empty());
-    assert!(all.contains(&key(0, place.position)));
-    assert!(all.iter().any(|of| of.tolerance_bits != 0), "coarser rings");
-    let mut before = 0;
-    for most in 0..=cells {
-        let (looked_at, some) = look(most);
-        assert!(looked_at <= most && some.len() >= before, "{most}");
-        before = some.len();
-    }
-    assert_eq!(look(cells).1, all);
-    assert_eq!(look(0), (0, Vec::new()));
-    // What is left out first is the last ball of all.
-    let (_, some) = look(cells - 1);
-    assert!(some.len() < all.len() && all.starts_with(&some));
-}
