@@ -179,14 +179,18 @@ impl Plausibility {
         let periods = course.age;
         let is_plausible = |of: &Course| self.is_plausible(of, &pose, elapsed);
         let straight = Some(course).filter(is_plausible);
-        let from = straight.or(self.before_doubt.filter(is_plausible));
+        let before = self.before_doubt.filter(is_plausible);
+        let in_doubt = straight.filter(|from| self.is_in_doubt(from, &pose, elapsed));
+        // In doubt again, a sample that the course before the doubt leads to is of that one.
+        let straight = straight.filter(|_| in_doubt.is_none() || before.is_none());
+        let from = straight.or(before);
         let is_new_place = from.is_none();
         self.course = Some(match from {
             Some(from) => from.led_to(pose),
             None => self.new_place(pose, elapsed, is_free)?,
         });
         // What the course before a doubt led to leaves none: that course would grow ever wider.
-        self.before_doubt = straight.filter(|from| self.is_in_doubt(from, &pose, elapsed));
+        self.before_doubt = in_doubt.filter(|_| straight.is_some());
         self.rejected = None;
         Some(Accepted {
             pose,
@@ -352,6 +356,23 @@ mod tests {
                         "{rate_hz} Hz, {jump} m, tick {tick}"
                     );
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn a_wild_sample_after_silence_does_not_exclude_the_true_place() {
+        for (silent, jump) in [(6, 0.007), (12, 0.025)] {
+            let mut judge = judge();
+            (0..5).for_each(|_| assert!(judge.judge(at(0.0), 1, false).is_some()));
+            (0..silent).for_each(|_| assert_eq!(judge.judge(None, 1, false), None));
+            let wild = judge.judge(at(jump), 1, false);
+            assert!(wild.is_some(), "it may have gone there");
+            for tick in 0..12 {
+                let is_silent = silent == 12 && tick == 0;
+                let given = if is_silent { None } else { at(0.0) };
+                let accepted = judge.judge(given, 1, false);
+                assert_eq!(accepted.is_some(), given.is_some(), "{jump} m, tick {tick}");
             }
         }
     }
