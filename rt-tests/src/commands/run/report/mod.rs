@@ -288,7 +288,8 @@ impl Report<'_> {
         lines
     }
 
-    /// Of what a figure is that is of one object, in a scene of several: of that in the first place.
+    /// Of what a figure is that is of one object, in a scene of several: of the one in the first
+    /// place.
     fn of_first(&self) -> &'static str {
         match self.finished.result.objects {
             0 | 1 => "",
