@@ -196,40 +196,38 @@ fn met(
         let home = turned(random);
         let speed = if k % 4 == 3 { 0.2 } else { 1.0 };
         let across = DVec3::new(unit(random) - 0.5, unit(random) - 0.5, 0.0) * 0.2;
-        let velocity = (DVec3::Z + across) * speed;
         let setup = Setup {
             pose: home,
-            movable: Some(driven(velocity, DVec3::ZERO)),
+            movable: Some(driven((DVec3::Z + across) * speed, DVec3::ZERO)),
             ..defaults
         };
         // Far enough to have the model there, which takes some ticks, and then some phase of a
         // tick.
-        let ticks = setup.ticks(setup.arrival_ms() + 20) as f64 + unit(random);
-        let place = velocity * (ticks / setup.rate_hz) + DVec3::Z * setup.radius_m;
-        met_once(sheet, (setup, is_free), place, found)?;
+        let ticks = setup.ticks(60) as f64 + unit(random);
+        let far = speed / setup.rate_hz * ticks + setup.radius_m;
+        met_once(sheet, (setup, is_free), far, found)?;
     }
     Ok(())
 }
 
-/// A plate that moves as it is set up, and a probe on its path, in the plate's frame where it
-/// begins, metres.
+/// A plate that moves as it is set up, and a probe so far over where it begins, metres.
 fn met_once(
     sheet: &[u8],
     (setup, is_free): (Setup, bool),
-    ahead: DVec3,
+    far: f64,
     found: &mut Found,
 ) -> Result<(), Failure> {
     let mut bench = Bench::new(sheet, setup)?;
-    let place = setup.pose.transform_point(ahead);
+    let place = setup.pose.transform_point(DVec3::Z * far);
     let mut mass = FreeMass::new(place, DVec3::ZERO, bench.period_s(), 0.0);
     let (mut watch, mut force, mut at) = (Watch::default(), DVec3::ZERO, place);
-    for tick in 0..setup.ticks(setup.arrival_ms() + 80) {
+    for tick in 0..setup.ticks(120) {
         if is_free {
             at = mass.advance(force);
         }
         let (wrong, response) = watch.is_wrong(&mut bench, at);
         force = response;
-        if tick > setup.ticks(setup.arrival_ms()) {
+        if tick > setup.ticks(40) {
             found.right(!wrong);
         }
     }
@@ -259,10 +257,10 @@ fn paddle(
     let place = home.transform_point(up * -arm);
     let mut watch = Watch::default();
     let mut above = false;
-    for tick in 0..setup.ticks(setup.arrival_ms() + 1210) {
+    for tick in 0..setup.ticks(1250) {
         let (wrong, _) = watch.is_wrong(&mut bench, place);
         let beside = bench.pose().inverse_transform_point(place).z;
-        above |= tick > setup.ticks(setup.arrival_ms()) && beside > 2.0 * setup.radius_m;
+        above |= tick > setup.ticks(40) && beside > 2.0 * setup.radius_m;
         found.right(!(wrong && above));
     }
     found.must(watch.touched);

@@ -243,15 +243,6 @@ impl Setup {
         }
     }
 
-    /// Time after which a model is there, milliseconds: far more than the way over the link.
-    pub(super) fn arrival_ms(&self) -> u64 {
-        if self.departs_in(Departure::LossyLink) {
-            1500
-        } else {
-            40
-        }
-    }
-
     /// A tool in place of the ball: a capsule ten radii long.
     #[must_use]
     pub fn with_tool(self) -> Self {

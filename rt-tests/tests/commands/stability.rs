@@ -57,6 +57,17 @@ fn a_name_that_is_no_case_is_refused_with_those_that_are() {
 }
 
 #[test]
+fn a_case_that_a_lossy_link_leaves_nothing_to_touch_is_refused_with_it() {
+    let args = StabilityArgs {
+        cases: vec!["moving-object".to_string()],
+        small_lossy: true,
+        ..args(1)
+    };
+    let error = run_cases(&args).expect_err("it is not run so").to_string();
+    assert!(error.contains("--small-lossy"), "{error}");
+}
+
+#[test]
 fn every_mutant_is_asked_of_a_case_or_a_check() {
     for mutant in Mutant::ALL {
         let mut closed = all().filter(|case| case.open.is_empty());

@@ -11,7 +11,7 @@ fn a_plate_that_goes_away_shows_nothing() {
                 ..Setup::default()
             };
             let mut found = Found::new(0.0);
-            met_once(&sheet, (setup, is_free), DVec3::Z * 0.061, &mut found).unwrap();
+            met_once(&sheet, (setup, is_free), 0.061, &mut found).unwrap();
             let name = case.name;
             assert_eq!(
                 (found.value, found.measured()),
