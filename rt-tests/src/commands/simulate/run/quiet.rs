@@ -14,10 +14,10 @@ use simulator::{Client, STATION, Simulation};
 /// Largest difference of the forces, as a share of the force: half of what a hand can tell (Weber
 /// fraction 7 %, `hrtc_core::perception`).
 const FORCE_SHARE: f64 = 0.035;
-/// See [`led_elsewhere`].
-const LED_ELSEWHERE: f64 = 0.1;
 /// The same for small forces, newtons.
 const FORCE_N: f64 = 0.02;
+/// See [`led_elsewhere`].
+const LED_ELSEWHERE: f64 = 0.1;
 /// Ticks at the end over which forces are averaged.
 const MEAN_TICKS: usize = 50;
 
